@@ -1,0 +1,65 @@
+# Everything runs in .venv, which is built from pyproject.toml (what is needed) and
+# constraints.txt (which versions). Nothing outside this folder is changed.
+#
+# PYTHON       interpreter that creates .venv (3.11 or newer)
+# PYTEST_ARGS  extra arguments for pytest, for example PYTEST_ARGS='-x -k bicycle'
+#
+# The default torch wheel carries CUDA. For the much smaller CPU wheel:
+#   PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu make test
+
+PYTHON      ?= python3
+PYTEST_ARGS ?= -n auto --maxprocesses=4
+
+VENV  := .venv
+BIN   := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+MAKEFLAGS += --no-builtin-rules --no-print-directory
+.SUFFIXES:
+.DEFAULT_GOAL := help
+.PHONY: help venv test test-fast lint reproduce clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
+
+venv: $(STAMP) ## build or update .venv, nothing else
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "$(PYTHON) is missing or older than 3.11; try: make PYTHON=python3.11 ..." >&2; exit 1; }
+	@if ! $(BIN)/python -m pip --version >/dev/null 2>&1; then \
+		echo "==> creating $(VENV)"; \
+		$(PYTHON) -m venv --clear $(VENV); \
+	fi
+	@echo "==> installing pinned dependencies (minutes on the first run)"
+	@$(BIN)/python -m pip install --disable-pip-version-check --quiet \
+		--constraint constraints.txt --editable '.[all]'
+	@touch $@
+
+test: lint ## everything: lint, types, all tests
+	@echo "==> pytest"
+	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+test-fast: $(STAMP) ## tests not marked slow
+	@echo "==> pytest (not slow)"
+	@$(BIN)/python -m pytest -m "not slow" $(PYTEST_ARGS)
+
+lint: $(STAMP) ## ruff and mypy, changing nothing
+	@echo "==> ruff check"
+	@$(BIN)/python -m ruff check .
+	@echo "==> ruff format --check"
+	@$(BIN)/python -m ruff format --check .
+	@echo "==> mypy"
+	@$(BIN)/python -m mypy
+
+reproduce: $(STAMP) ## rebuild the paper's figures and tables
+	@echo "==> scripts/reproduce_paper.py"
+	@$(BIN)/python scripts/reproduce_paper.py
+
+clean: ## delete caches and build outputs; keeps .venv and runs/
+	@echo "==> clean"
+	@rm -rf build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	@find . -name $(VENV) -prune -o -name .git -prune -o \
+		-type d -name __pycache__ -prune -exec rm -rf {} +
+	@find . -name $(VENV) -prune -o -name .git -prune -o \
+		-type f \( -name '*.nbi' -o -name '*.nbc' \) -exec rm -f {} +

@@ -1,0 +1,124 @@
+"""Identification episodes: random words to contexts, contexts to recordings, batched.
+
+Everything random about an episode comes from ``WORDS`` 64-bit words, drawn from the
+environment's generator or from ``SeedSequence(root, spawn_key=(episode,))``; an
+episode is therefore the same whatever batch it is computed in.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawrate_env.compiled import LANES, over_blocks
+from yawrate_env.discretisation import DiscretePlant, zoh
+from yawrate_env.excitation import RANDOM_ORDER, prbs
+from yawrate_env.noise import KEY_WORDS, add_white_noise
+from yawrate_env.simulation import simulate_into
+from yawrate_env.task import Experiment, Prior, Task
+from yawrate_env.vehicle import Context, Vehicle, state_space
+
+WORDS = 4 + KEY_WORDS
+"""mu_s, M_delta, v_x, start of the register, and the noise stream's key."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Draw:
+    """B random episodes, before they are simulated.
+
+    Attributes
+    ----------
+    context : Context
+        The vehicles.
+    start : NDArray
+        (B,) uint64, where the random register starts.
+    key : NDArray
+        (B, 4) uint64, the noise streams.
+    """
+
+    context: Context
+    start: NDArray[np.uint64]
+    key: NDArray[np.uint64]
+
+    @classmethod
+    def of(cls, words: NDArray[np.uint64], prior: Prior) -> Self:
+        """Turn (B, WORDS) random words into episodes of the prior."""
+        unit = (words[:, :3] >> np.uint64(11)) * 2.0**-53
+        low, high = np.array([prior.mu_s, prior.M_delta, prior.v_x]).T
+        context = Context(*(low + (high - low) * unit).T.copy())
+        return cls(context, words[:, 3], words[:, 4:])
+
+    def __len__(self) -> int:
+        return len(self.context)
+
+    def __getitem__(self, index: slice | NDArray[np.intp]) -> "Draw":
+        """Part of the batch."""
+        return Draw(self.context[index], self.start[index], self.key[index])
+
+    def replaced(self, index: NDArray[np.intp], other: "Draw") -> "Draw":
+        """Copy with the episodes at `index` taken from `other`."""
+        names = Context.__slots__
+        context = Context(*(getattr(self.context, name).copy() for name in names))
+        for name in names:
+            getattr(context, name)[index] = getattr(other.context, name)
+        start, key = self.start.copy(), self.key.copy()
+        start[index], key[index] = other.start, other.key
+        return Draw(context, start, key)
+
+
+def stream(root: int, first: int, count: int) -> NDArray[np.uint64]:
+    """Words of episodes ``first`` to ``first + count`` of the data set with seed `root`."""
+    return np.stack(
+        [
+            np.random.SeedSequence(root, spawn_key=(episode,)).generate_state(WORDS, np.uint64)
+            for episode in range(first, first + count)
+        ]
+    )
+
+
+def plants(vehicle: Vehicle, context: Context, Ts: float) -> DiscretePlant:
+    """ZOH plants of the batch at `Ts` [s], from steering command to yaw rate."""
+    return zoh(*state_space(vehicle, context), Ts)
+
+
+def excitation(experiment: Experiment, start: NDArray[np.uint64]) -> NDArray[np.float64]:
+    """Steering commands [rad]: (1, N) for the same register, (B, N) for random ones."""
+    timing = (experiment.N, experiment.Ts, experiment.bit_time, experiment.amplitude)
+    if experiment.register == "same":
+        return prbs(*timing)
+    return prbs(*timing, order=RANDOM_ORDER, start=start)
+
+
+def record(
+    task: Task, draw: Draw, out: NDArray[np.floating] | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
+    """Simulate the episodes of a draw.
+
+    Parameters
+    ----------
+    out : (B, N) float32 or float64, optional
+        Where the yaw rates go; may be a strided view.
+
+    Returns
+    -------
+    u : (1, N) or (B, N) float64
+        Steering command [rad].
+    y : (B, N)
+        Yaw rate with white noise at the experiment's SNR [rad/s]; `out` if given.
+    """
+    experiment = task.experiment
+    plant = plants(task.vehicle, draw.context, experiment.Ts)
+    u = excitation(experiment, draw.start)
+    y = np.empty((len(draw), experiment.N)) if out is None else out
+    rest = np.zeros_like(plant.B)
+    noise_over_signal = 10 ** (-experiment.snr_db / 20)
+
+    def work(i: int, j: int) -> None:
+        clean = np.empty((j - i, experiment.N))
+        simulate_into(clean, plant, u, rest, i, j)
+        sigma = noise_over_signal * np.sqrt(np.einsum("bk,bk->b", clean, clean) / experiment.N)
+        add_white_noise(clean, sigma, draw.key[i:j], y[i:j])
+
+    over_blocks(work, len(draw), LANES)
+    return u, y

@@ -1,0 +1,148 @@
+"""What the scalar and the vector environment share: spaces, observation, outcome.
+
+Everything here is batched; the scalar environment is a batch of one.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from yawrate_env import validation
+from yawrate_env.episode import Draw, record
+from yawrate_env.judge import Judge, Verdict
+from yawrate_env.task import Experiment, Prior, Target, Task
+from yawrate_env.vehicle import Context, Vehicle
+
+KP_RANGE = (1e-3, 10.0)
+TI_RANGE = (1e-3, 100.0)
+YAW_RATE_RANGE = 20.0
+"""The sensor saturates here [rad/s], far beyond any vehicle."""
+
+VISIBLE = {"episode": (), "speed": ("v_x",), "context": ("v_x", "mu_s", "M_delta")}
+"""What the observation shows beside command and yaw rate: further rows, constant in time."""
+
+Info = dict[str, Any]
+
+
+def task_of(
+    *,
+    Ts: float,
+    N: int,
+    snr_db: float,
+    amplitude: float,
+    bit_time: float,
+    register: str,
+    Ts_control: float,
+    delay_samples: int,
+    phase_margin: float,
+    crossover: float,
+    controller: str,
+    mu_s: Any,
+    M_delta: Any,
+    v_x: Any,
+    vehicle: Mapping[str, float] | None,
+) -> Task:
+    """Build the task from the environment's keyword arguments, checking every one."""
+    try:
+        known = Vehicle(**(vehicle or {}))
+    except TypeError:
+        names = ", ".join(Vehicle.__slots__)
+        raise ValueError(f"vehicle = {vehicle!r}: give any of {names}, as numbers.") from None
+    return Task(
+        known,
+        Prior(mu_s, M_delta, v_x),
+        Experiment(Ts, N, amplitude, bit_time, register, snr_db),
+        Target(phase_margin, crossover, Ts_control, delay_samples, controller),
+    )
+
+
+def action_space() -> Box:
+    """(kp, Ti) in physical units."""
+    low, high = np.array([KP_RANGE, TI_RANGE]).T
+    return Box(low, high, dtype=np.float64)
+
+
+def observation_space(experiment: Experiment, visible: str, decimate: int) -> Box:
+    """Rows: command [rad], yaw rate [rad/s], and what is visible of the context (SI)."""
+    validation.one_of("visible", visible, tuple(VISIBLE))
+    validation.count("decimate", decimate, at_least=1, remedy="Use 1 to keep every sample.")
+    samples = experiment.N // decimate
+    if samples < 2:
+        raise ValueError(f"decimate = {decimate} leaves {samples} of {experiment.N} samples.")
+    rows = [experiment.amplitude * (1 + 1e-6), YAW_RATE_RANGE]
+    rows += [{"v_x": 1e3, "mu_s": 1e2, "M_delta": 1e6}[name] for name in VISIBLE[visible]]
+    high = np.repeat(np.array(rows, dtype=np.float32)[:, None], samples, axis=1)
+    return Box(-high, high, dtype=np.float32)
+
+
+def pinned(options: Mapping[str, Any] | None, count: int) -> dict[str, NDArray[np.float64]]:
+    """Context values that ``reset(options=...)`` pins, each (count,)."""
+    values: dict[str, NDArray[np.float64]] = {}
+    for name, value in (options or {}).items():
+        if name not in Context.__slots__:
+            raise ValueError(
+                f"reset option {name!r} is unknown. Use any of {', '.join(Context.__slots__)}."
+            )
+        array = np.asarray(value, dtype=np.float64)
+        if array.shape not in ((), (count,)):
+            raise ValueError(f"reset option {name} has shape {array.shape}: give one number.")
+        values[name] = np.broadcast_to(array, (count,))
+    return values
+
+
+def draw(words: NDArray[np.uint64], task: Task, fixed: Mapping[str, NDArray[np.float64]]) -> Draw:
+    """Episodes of the prior, with the pinned values in place of the drawn ones."""
+    drawn = Draw.of(words, task.prior)
+    if not fixed:
+        return drawn
+    context = Context.of(
+        *(fixed.get(name, getattr(drawn.context, name)) for name in Context.__slots__)
+    )
+    return Draw(context, drawn.start, drawn.key)
+
+
+def observe(task: Task, drawn: Draw, visible: str, decimate: int) -> NDArray[np.float32]:
+    """Record the episodes, (B, rows, N // decimate) float32; decimation averages blocks."""
+    shown = VISIBLE[visible]
+    obs = np.empty((len(drawn), 2 + len(shown), task.experiment.N), dtype=np.float32)
+    u, _ = record(task, drawn, out=obs[:, 1])
+    obs[:, 0] = u
+    np.clip(obs[:, 1], -YAW_RATE_RANGE, YAW_RATE_RANGE, out=obs[:, 1])
+    for row, name in enumerate(shown, start=2):
+        obs[:, row] = getattr(drawn.context, name)[:, None]
+    if decimate == 1:
+        return obs
+    kept = task.experiment.N // decimate
+    blocks = obs[:, :, : kept * decimate].reshape(*obs.shape[:2], kept, decimate)
+    return blocks.mean(axis=3, dtype=np.float64).astype(np.float32)
+
+
+def checked_actions(actions: Any, count: int) -> NDArray[np.float64]:
+    """Actions as (count, 2) finite float64, or ``ValueError``."""
+    return validation.finite_array("action", actions, shape=(count, 2))
+
+
+def outcome(task: Task, context: Context, actions: NDArray[np.float64]) -> tuple[Verdict, Info]:
+    """Judge actions (B, 2); the info holds arrays (B,), the truth included."""
+    space_low, space_high = np.array([KP_RANGE, TI_RANGE]).T
+    gains = np.clip(actions, space_low, space_high)
+    kp, Ti = gains.T
+    judge = Judge.of(task, context)
+    verdict, oracle = judge(kp, Ti), judge.oracle()
+    return verdict, {
+        "kp": kp,
+        "Ti": Ti,
+        "clipped": (gains != actions).any(axis=1),
+        "phase_margin": verdict.margins.phase_margin,
+        "crossover": verdict.margins.crossover,
+        "gain_margin": verdict.margins.gain_margin,
+        "stable": verdict.stable,
+        "oracle_kp": oracle.kp,
+        "oracle_Ti": oracle.Ti,
+        "mu_s": context.mu_s,
+        "M_delta": context.M_delta,
+        "v_x": context.v_x,
+    }

@@ -1,0 +1,104 @@
+"""Checks at the public edges: every refusal names the value, the bound and the remedy."""
+
+import math
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def number(
+    name: str,
+    value: Any,
+    *,
+    above: float = -math.inf,
+    at_least: float = -math.inf,
+    at_most: float = math.inf,
+    remedy: str = "",
+) -> float:
+    """Return `value` as a finite float within its bounds, or raise ``ValueError``.
+
+    Parameters
+    ----------
+    name : str
+        What the caller calls the value.
+    value : float
+        The value to check.
+    above : float
+        Exclusive lower bound.
+    at_least, at_most : float
+        Inclusive bounds.
+    remedy : str
+        What the caller should do instead, a sentence.
+    """
+    if isinstance(value, bool) or not isinstance(value, Real | np.number):
+        raise ValueError(f"{name} = {value!r} is not a number. {remedy}".strip())
+    result = float(value)
+    if not (math.isfinite(result) and result > above and at_least <= result <= at_most):
+        raise ValueError(
+            f"{name} = {result:g} must be {_bound(above, at_least, at_most)}. {remedy}"
+        )
+    return result
+
+
+def count(name: str, value: Any, *, at_least: int = 1, remedy: str = "") -> int:
+    """Return `value` as an int that is at least `at_least`, or raise ``ValueError``."""
+    result = number(name, value, at_least=at_least, remedy=remedy)
+    if not result.is_integer():
+        raise ValueError(f"{name} = {result:g} must be a whole number. {remedy}".strip())
+    return int(result)
+
+
+def interval(name: str, value: Any) -> tuple[float, float]:
+    """Return ``(low, high)`` from a number (a point) or a pair, or raise ``ValueError``."""
+    if isinstance(value, Real | np.number):
+        point = number(name, value)
+        return point, point
+    if not isinstance(value, list | tuple | np.ndarray) or len(value) != 2:
+        raise ValueError(f"{name} = {value!r} must be a number or a pair [low, high].")
+    low, high = (number(f"{name}[{i}]", v) for i, v in enumerate(value))
+    if low > high:
+        raise ValueError(f"{name} = [{low:g}, {high:g}] has low above high. Swap the two.")
+    return low, high
+
+
+def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
+    """Return `value` if it is one of `choices`, or raise ``ValueError``."""
+    if value not in choices:
+        raise ValueError(f"{name} = {value!r} is unknown. Choose one of {', '.join(choices)}.")
+    return str(value)
+
+
+def finite_array(
+    name: str, value: ArrayLike, *, shape: tuple[int | None, ...]
+) -> NDArray[np.float64]:
+    """Return `value` as a finite float64 array of `shape` (``None``: any), or raise."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is not an array of numbers.") from None
+    fits = array.ndim == len(shape) and all(
+        want is None or want == have for want, have in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ")"
+        raise ValueError(f"{name} has shape {array.shape}, wanted {wanted}. Reshape it.")
+    if not np.isfinite(array).all():
+        first = int(np.flatnonzero(~np.isfinite(array.ravel()))[0])
+        raise ValueError(
+            f"{name} has {array.ravel()[first]} at flat index {first}; every value must be finite. "
+            "Remove or repair such samples first."
+        )
+    return array
+
+
+def _bound(above: float, at_least: float, at_most: float) -> str:
+    parts = ["finite"]
+    if above > -math.inf:
+        parts.append(f"above {above:g}")
+    if at_least > -math.inf:
+        parts.append(f"at least {at_least:g}")
+    if at_most < math.inf:
+        parts.append(f"at most {at_most:g}")
+    return ", ".join(parts)
