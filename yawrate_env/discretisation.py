@@ -98,7 +98,7 @@ def _taylor(X: NDArray[np.float64]) -> NDArray[np.float64]:
         E = E + c[k] * eye + c[k + 1] * X + c[k + 2] * X2 + c[k + 3] * X3
         if k:
             E = E @ X4
-    return E
+    return np.asarray(E)
 
 
 def _augmented(A: NDArray[np.float64], B: NDArray[np.float64], Ts: float) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
 """The environment ``yawrate/PITuning-v0``: a batch of one."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -102,7 +102,7 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     * v0: first version.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {
         "render_modes": ["human", "rgb_array"],
         "render_fps": 1,
     }
@@ -146,17 +146,17 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             v_x=v_x,
             vehicle=vehicle,
         )
-        self.observation_space = interaction.observation_space(
+        self.observation_space: Any = interaction.observation_space(
             self.task.experiment, visible, decimate
         )
-        self.action_space = interaction.action_space()
+        self.action_space: Any = interaction.action_space()
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(
                 f"render_mode = {render_mode!r} is unknown. "
                 f"Use None or one of {', '.join(self.metadata['render_modes'])}."
             )
         self.render_mode = render_mode
-        self.visible, self.decimate = visible, decimate
+        self.visible, self.decimate = visible, int(decimate)
         self._drawn: Draw | None = None
         self._obs: Observation | None = None
         self._gains: NDArray[np.float64] | None = None
@@ -168,10 +168,10 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         """Draw a vehicle and record its episode."""
         super().reset(seed=seed)
         fixed = interaction.pinned(options, 1)
-        words = self.np_random.bit_generator.random_raw(WORDS)[None]  # type: ignore[attr-defined]
-        self._drawn = interaction.draw(words, self.task, fixed)
-        self._obs = interaction.observe(self.task, self._drawn, self.visible, self.decimate)[0]
-        self._gains = None
+        words = self.np_random.bit_generator.random_raw(WORDS)[None]
+        drawn = interaction.draw(words, self.task, fixed)
+        self._obs = interaction.observe(self.task, drawn, self.visible, self.decimate)[0]
+        self._drawn, self._gains = drawn, None
         if self.render_mode == "human":
             self.render()
         return self._obs.copy(), {}
@@ -195,7 +195,7 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             {name: values[0].item() for name, values in info.items()},
         )
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """Draw the episode, the Bode plot and the step response."""
         if self.render_mode is None:
             gymnasium.logger.warn(
@@ -208,9 +208,10 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
         if self._window is None:
             self._window = Window(human=self.render_mode == "human")
-        return self._window.draw(  # type: ignore[no-any-return]
+        frame: NDArray[np.uint8] | None = self._window.draw(
             self.task, self._drawn.context, self._obs, self._gains
         )
+        return frame
 
     def close(self) -> None:
         """Close the window, if there is one; may be called twice."""

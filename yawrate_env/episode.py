@@ -52,22 +52,8 @@ class Draw:
     def __len__(self) -> int:
         return len(self.context)
 
-    def __getitem__(self, index: slice | NDArray[np.intp]) -> "Draw":
-        """Part of the batch."""
-        return Draw(self.context[index], self.start[index], self.key[index])
 
-    def replaced(self, index: NDArray[np.intp], other: "Draw") -> "Draw":
-        """Copy with the episodes at `index` taken from `other`."""
-        names = Context.__slots__
-        context = Context(*(getattr(self.context, name).copy() for name in names))
-        for name in names:
-            getattr(context, name)[index] = getattr(other.context, name)
-        start, key = self.start.copy(), self.key.copy()
-        start[index], key[index] = other.start, other.key
-        return Draw(context, start, key)
-
-
-def stream(root: int, first: int, count: int) -> NDArray[np.uint64]:
+def stream(root: int | tuple[int, ...], first: int, count: int) -> NDArray[np.uint64]:
     """Words of episodes ``first`` to ``first + count`` of the data set with seed `root`."""
     return np.stack(
         [
@@ -117,7 +103,8 @@ def record(
     def work(i: int, j: int) -> None:
         clean = np.empty((j - i, experiment.N))
         simulate_into(clean, plant, u, rest, i, j)
-        sigma = noise_over_signal * np.sqrt(np.einsum("bk,bk->b", clean, clean) / experiment.N)
+        # einsum would sum a row differently in batches of other sizes.
+        sigma = noise_over_signal * np.sqrt(np.square(clean).sum(axis=1) / experiment.N)
         add_white_noise(clean, sigma, draw.key[i:j], y[i:j])
 
     over_blocks(work, len(draw), LANES)

@@ -64,4 +64,4 @@ def prbs(
     bit = np.floor(np.arange(N) * Ts / bit_time + 1e-9).astype(np.int64)
     starts = np.zeros(1, dtype=np.int64) if start is None else (start % len(period)).astype(int)
     bits = period[(starts[:, None] + bit) % len(period)]
-    return amplitude * (2.0 * bits - 1.0)
+    return np.asarray(amplitude * (2.0 * bits - 1.0))

@@ -68,7 +68,8 @@ def action_space() -> Box:
 def observation_space(experiment: Experiment, visible: str, decimate: int) -> Box:
     """Rows: command [rad], yaw rate [rad/s], and what is visible of the context (SI)."""
     validation.one_of("visible", visible, tuple(VISIBLE))
-    validation.count("decimate", decimate, at_least=1, remedy="Use 1 to keep every sample.")
+    remedy = "Use 1 to keep every sample."
+    decimate = validation.count("decimate", decimate, at_least=1, remedy=remedy)
     samples = experiment.N // decimate
     if samples < 2:
         raise ValueError(f"decimate = {decimate} leaves {samples} of {experiment.N} samples.")
@@ -86,7 +87,10 @@ def pinned(options: Mapping[str, Any] | None, count: int) -> dict[str, NDArray[n
             raise ValueError(
                 f"reset option {name!r} is unknown. Use any of {', '.join(Context.__slots__)}."
             )
-        array = np.asarray(value, dtype=np.float64)
+        try:
+            array = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"reset option {name} = {value!r}: give one number.") from None
         if array.shape not in ((), (count,)):
             raise ValueError(f"reset option {name} has shape {array.shape}: give one number.")
         values[name] = np.broadcast_to(array, (count,))
@@ -117,7 +121,7 @@ def observe(task: Task, drawn: Draw, visible: str, decimate: int) -> NDArray[np.
         return obs
     kept = task.experiment.N // decimate
     blocks = obs[:, :, : kept * decimate].reshape(*obs.shape[:2], kept, decimate)
-    return blocks.mean(axis=3, dtype=np.float64).astype(np.float32)
+    return np.asarray(blocks.mean(axis=3, dtype=np.float64), dtype=np.float32)
 
 
 def checked_actions(actions: Any, count: int) -> NDArray[np.float64]:

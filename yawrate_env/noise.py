@@ -37,12 +37,17 @@ def standard_normal(keys: NDArray[np.uint64], N: int) -> NDArray[np.float64]:
 
 @kernel
 def _seeded(key: NDArray[np.uint64], state: NDArray[np.uint64]) -> None:
-    """Fill the (4, LANES) generator states from the four words of a key."""
+    """Fill the (4, LANES) generator states from the four words of a key.
+
+    A word is chained to the one before: the generator's third word reaches its output
+    only after two steps, and keys that differed there alone would begin alike.
+    """
     for word in range(KEY_WORDS):
         z = key[word]
         for lane in range(LANES):
             z += _GOLDEN
-            x = (z ^ (z >> _S30)) * _MIX_1
+            x = z ^ state[word - 1, lane] if word > 0 else z
+            x = (x ^ (x >> _S30)) * _MIX_1
             x = (x ^ (x >> _S27)) * _MIX_2
             state[word, lane] = x ^ (x >> _S31)
 

@@ -37,6 +37,8 @@ def simulate(
         The output before the input of the same sample acts.
     """
     inputs = np.ascontiguousarray(np.atleast_2d(u), dtype=np.float64)
+    if len(inputs) not in (1, len(plant)):  # the compiled loop does not check its indices
+        raise ValueError(f"u has {len(inputs)} rows for {len(plant)} plants. Give 1 or as many.")
     y = np.empty((len(plant), inputs.shape[1]))
     states = np.zeros_like(plant.B) if x0 is None else np.ascontiguousarray(x0)
     over_blocks(lambda i, j: simulate_into(y[i:j], plant, inputs, states, i, j), len(plant), LANES)

@@ -69,7 +69,8 @@ class Experiment:
 
     def __post_init__(self) -> None:
         validation.number("Ts", self.Ts, above=0.0, remedy="Give a sampling time in seconds.")
-        validation.count("N", self.N, at_least=2, remedy="Record more samples.")
+        N = validation.count("N", self.N, at_least=2, remedy="Record more samples.")
+        object.__setattr__(self, "N", N)
         validation.number("amplitude", self.amplitude, above=0.0, at_most=np.pi / 4,
                           remedy="Give it in rad.")  # fmt: skip
         validation.number("bit_time", self.bit_time, at_least=self.Ts,
@@ -114,7 +115,8 @@ class Target:
                           remedy="Give it in degrees.")  # fmt: skip
         validation.number("crossover", self.crossover, above=0.0, at_most=0.45 / self.Ts,
                           remedy="Keep it, in Hz, well below half the sampling rate.")  # fmt: skip
-        validation.count("delay_samples", self.delay_samples, at_least=0)
+        delay_samples = validation.count("delay_samples", self.delay_samples, at_least=0)
+        object.__setattr__(self, "delay_samples", delay_samples)
         validation.one_of("controller", self.controller, CONTROLLERS)
 
     @property

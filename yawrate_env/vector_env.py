@@ -1,8 +1,9 @@
 """The native batch environment behind ``gymnasium.make_vec("yawrate/PITuning-v0")``."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
@@ -10,7 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from yawrate_env import interaction, validation
+from yawrate_env import batch, interaction, validation
 from yawrate_env.env import Observation, PITuningEnv
 from yawrate_env.episode import WORDS, Draw
 
@@ -25,9 +26,10 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
     `PITuningEnv`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {
         "autoreset_mode": AutoresetMode.SAME_STEP,
         "render_modes": ["rgb_array"],
+        "render_fps": 1,
     }
 
     def __init__(self, num_envs: int = 1, *, render_mode: str | None = None, **kwargs: Any) -> None:
@@ -45,7 +47,6 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
         self._seeds: list[int] = []
         self._drawn: Draw | None = None
         self._obs: Observation | None = None
-        self._gains: NDArray[np.float64] | None = None
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -103,11 +104,27 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
             },
         )
 
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """One frame a sub-environment, of the episode that waits for gains."""
+        if self.render_mode is None:
+            gymnasium.logger.warn(
+                'No render_mode was given: gym.make_vec(..., render_mode="rgb_array").'
+            )
+            return None
+        if self._drawn is None or self._obs is None:
+            raise ResetNeeded("There is nothing to draw yet. Call reset() before render().")
+        from yawrate_env.rendering import figure, pixels
+
+        return tuple(
+            pixels(figure(self.task, batch.take(self._drawn.context, slice(i, i + 1)), obs, None))
+            for i, obs in enumerate(self._obs)
+        )
+
     def _renew(self, mask: Array, fixed: dict[str, NDArray[np.float64]]) -> None:
         """Draw and record new episodes where `mask` is true."""
         assert self._generators is not None
         chosen = np.flatnonzero(mask)
-        words = np.stack([self._generators[i].bit_generator.random_raw(WORDS) for i in chosen])  # type: ignore[attr-defined]
+        words = np.stack([self._generators[i].bit_generator.random_raw(WORDS) for i in chosen])
         part = {name: values[chosen] for name, values in fixed.items()}
         drawn = interaction.draw(words, self.task, part)
         obs = interaction.observe(self.task, drawn, self.visible, self.decimate)
@@ -116,7 +133,7 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
             return
         self._obs = self._obs.copy()
         self._obs[chosen] = obs
-        self._drawn = self._drawn.replaced(chosen, drawn)
+        self._drawn = batch.replaced(self._drawn, chosen, drawn)
 
     def _reset_mask(self, mask: Any) -> Array:
         if mask is None:

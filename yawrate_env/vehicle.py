@@ -108,10 +108,6 @@ class Context:
     def __len__(self) -> int:
         return len(self.mu_s)
 
-    def __getitem__(self, index: slice | NDArray[np.intp]) -> "Context":
-        """Part of the batch."""
-        return Context(self.mu_s[index], self.M_delta[index], self.v_x[index])
-
 
 def total_mass(vehicle: Vehicle, context: Context) -> NDArray[np.float64]:
     """M_veh = M_0 + M_delta, eq. (11), (B,) [kg]; ``ValueError`` where it is not positive."""

@@ -1,0 +1,79 @@
+import control
+import numpy as np
+import pytest
+from systems import CASES, control_controller, control_plants, random_loops
+
+from yawrate_env.closed_loop import poles, stable, time_response
+from yawrate_env.design import design
+
+IDS = [f"{form}-delay{delay}" for form, delay in CASES]
+
+
+@pytest.fixture(params=CASES, ids=IDS)
+def loops(request):
+    return random_loops(*request.param)
+
+
+def test_stability_agrees_with_python_control(loops):
+    ours = stable(loops.plant, loops.kp, loops.Ti, loops.target)
+    theirs = [
+        (np.abs(control.feedback(L, 1).poles()) < 1).all()  # negative feedback
+        for L in loops.control_loops
+    ]
+    np.testing.assert_array_equal(ours, theirs)
+    assert 20 < ours.sum() < 180
+
+
+def test_poles_are_the_roots_of_one_plus_the_loop(loops):
+    found = poles(loops.plant, loops.kp, loops.Ti, loops.target)
+    for b, L in enumerate(loops.control_loops[:50]):
+        theirs = control.feedback(L, 1).poles()
+        # Compared by their power sums, which need no pairing and no simple poles.
+        for power in range(1, found.shape[1] + 1):
+            expected, scale = (theirs**power).sum(), (np.abs(theirs) ** power).sum()
+            assert (found[b] ** power).sum() == pytest.approx(expected, abs=1e-9 * scale)
+
+
+@pytest.mark.parametrize(("form", "delay"), CASES, ids=IDS)
+def test_time_response_agrees_with_python_control(form, delay):
+    loops, N = random_loops(form, delay), 400
+    gains = design(loops.transfer_function, loops.target)
+    usable = np.isfinite(gains.kp)
+    kp, Ti = np.where(usable, gains.kp, 0.05), np.where(usable, gains.Ti, 1.0)
+    reference = np.random.default_rng(0).standard_normal(N)
+    y, u = time_response(loops.plant, kp, Ti, loops.target, reference)
+    assert y.shape == u.shape == (200, N)
+    for b in range(0, 200, 20):
+        theirs = python_control_response(loops, b, kp[b], Ti[b], reference)
+        for ours, expected in zip((y[b], u[b]), theirs, strict=True):
+            scale = np.abs(expected).max()
+            np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-9 * scale)
+
+
+def python_control_response(loops, b, kp, Ti, reference):
+    """Yaw rate and command (before the delay) of a loop closed by python-control."""
+    lag = control.ss(control.tf([1], [1] + [0] * loops.target.delay_samples, loops.target.Ts))
+    G, C = control_plants()[b] * lag, control_controller(kp, Ti, loops.target)
+    y = control.forced_response(control.feedback(G * C, 1), inputs=reference)
+    u = control.forced_response(control.feedback(C, G), inputs=reference)
+    return y.y[0], u.y[0]
+
+
+def test_stable_pi_loops_track_a_step_without_error():
+    loops = random_loops("pi", 0)
+    gains = design(loops.transfer_function, loops.target)
+    radius = np.abs(poles(loops.plant, gains.kp, gains.Ti, loops.target)).max(axis=1)
+    y, _ = time_response(loops.plant, gains.kp, gains.Ti, loops.target, np.full(3000, 0.1))
+    settled = radius < 0.993  # the slowest pole has decayed to 0.993^3000 = 7e-10
+    assert settled.sum() > 100
+    np.testing.assert_allclose(y[settled, -1], 0.1, rtol=1e-7)
+
+
+def test_printed_controller_leaves_a_steady_state_error():
+    loops = random_loops("printed", 0)
+    one = slice(0, 1)
+    kp, Ti = np.array([0.1]), np.array([0.2])
+    plant = type(loops.plant)(loops.plant.A[one], loops.plant.B[one], loops.plant.C, loops.plant.Ts)
+    y, _ = time_response(plant, kp, Ti, loops.target, np.ones(2000))
+    gain = plant.C @ np.linalg.solve(np.eye(6) - plant.A[0], plant.B[0])
+    assert y[0, -1] == pytest.approx(0.1 * gain / (1 + 0.1 * gain), rel=1e-9)

@@ -1,0 +1,67 @@
+"""Arguments that the scripts share."""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from yawrate_env.env import PITuningEnv
+from yawrate_env.task import Task
+
+
+def whole(text: str) -> int:
+    """A positive whole number; ``1e6`` is one."""
+    value = float(text)
+    if value < 1 or value != int(value):
+        raise argparse.ArgumentTypeError(f"{text} is not a positive whole number")
+    return int(value)
+
+
+def seed(text: str) -> int:
+    """A whole number that is not negative."""
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text} is negative")
+    return value
+
+
+def output(text: str) -> Path:
+    """A file to write, in a folder that exists."""
+    path = Path(text)
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"the folder {path.parent} does not exist; make it first")
+    if path.is_dir():
+        raise argparse.ArgumentTypeError(f"{path} is a folder; name a file")
+    return path
+
+
+def environment_kwargs(text: str) -> dict[str, Any]:
+    """Keyword arguments of the environment, as a JSON object."""
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise argparse.ArgumentTypeError(f"not JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise argparse.ArgumentTypeError("wanted a JSON object such as '{\"snr_db\": 20}'")
+    return value
+
+
+def task(kwargs: dict[str, Any]) -> Task:
+    """The task of an environment with these keyword arguments."""
+    try:
+        return PITuningEnv(**kwargs).task
+    except TypeError as error:
+        raise ValueError(
+            str(error).replace("PITuningEnv.__init__() got an", "--env-kwargs:")
+        ) from None
+
+
+def run(main: Callable[[], None]) -> None:
+    """Run a script; what the user did wrong is one line and exit status 2, not a traceback."""
+    try:
+        main()
+    except (ValueError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None

@@ -1,0 +1,124 @@
+"""The tuners by name: how each is trained, and where a trained one is found."""
+
+import os
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from tuners import model_file
+from tuners.armax import Armax
+from tuners.baselines import Nominal, Oracle
+from tuners.datasets import Dataset, simulate_dataset
+from tuners.feedforward import FeedForwardSettings
+from tuners.gbm import GBMSettings
+from tuners.gray_box import GrayBox
+from tuners.tuner import Tuner
+from tuners.two_stage import Recipe, TwoStage
+from yawrate_env import validation
+from yawrate_env.contexts import CONTEXT_SETS
+from yawrate_env.task import Task
+
+RECIPES = {
+    "ts-gbm": Recipe(Armax(), GBMSettings()),
+    "ts-ff": Recipe(Armax(), FeedForwardSettings()),
+    "ts-gbm-gains": Recipe(Armax(), GBMSettings(), "gains"),
+    "ts-ff-gains": Recipe(Armax(), FeedForwardSettings(), "gains"),
+}
+"""The tuners that are trained; the paper's two, and the same with its literal targets."""
+
+UNTRAINED: dict[str, type[Tuner]] = {"gb": GrayBox, "oracle": Oracle, "nominal": Nominal}
+"""The tuners that need no training."""
+
+NAMES = (*RECIPES, *UNTRAINED)
+
+TRAINING_SHARE = 0.8
+TRAINING_SEED = 0
+TRAINING_EPISODES = 1500
+
+Progress = Callable[[str, int, int], None]
+
+
+def train(
+    name: str,
+    task: Task,
+    *,
+    episodes: int = TRAINING_EPISODES,
+    seed: int = TRAINING_SEED,
+    progress: Progress | None = None,
+    dataset: Dataset | None = None,
+) -> TwoStage:
+    """Train a two-stage tuner on simulated episodes of the ``train`` set.
+
+    Parameters
+    ----------
+    name : str
+        One of `RECIPES`.
+    episodes, seed : int
+        Size and seed of the data; 80 % of it trains, the rest validates.
+    progress : callable, optional
+        Called with what is being done, how far it is, and how far it goes.
+    dataset : Dataset, optional
+        Data already simulated with this compressor, instead of new.
+    """
+    recipe = RECIPES[validation.one_of("tuner", name, tuple(RECIPES))]
+    validation.count("episodes", episodes, at_least=50, remedy="Simulate more.")
+    validation.count("seed", seed, at_least=0)
+
+    def report(what: str) -> Callable[[int, int], None] | None:
+        return None if progress is None else lambda done, of: progress(what, done, of)
+
+    if dataset is None:
+        dataset = simulate_dataset(
+            task, CONTEXT_SETS["train"], episodes, seed, recipe.compressor, report("simulating")
+        )
+    rows = np.flatnonzero(dataset.usable)
+    rows = np.random.default_rng(seed).permutation(rows)
+    cut = round(TRAINING_SHARE * len(rows))
+    X, T = dataset.features, dataset.targets(task, recipe.coordinates)
+    learner = recipe.learner.fit(
+        X[rows[:cut]], T[rows[:cut]], X[rows[cut:]], T[rows[cut:]], seed, report(f"training {name}")
+    )
+    training = {
+        "name": name,
+        "episodes": len(dataset),
+        "used": len(rows),
+        "seed": seed,
+        "context": "train",
+    }
+    return TwoStage(task, recipe.compressor, learner, recipe.coordinates, training)
+
+
+def load(name: str | os.PathLike[str]) -> Tuner:
+    """A tuner ready to use: by name, or from a ``.tuner`` file.  Nothing is trained.
+
+    Raises
+    ------
+    ValueError
+        No such name, or a file that is damaged, foreign or missing.
+    """
+    if str(name).endswith(model_file.SUFFIX):
+        return from_file(name)
+    validation.one_of("tuner", name, NAMES)
+    if str(name) in UNTRAINED:
+        return UNTRAINED[str(name)](Task())
+    return from_file(shipped(str(name)))
+
+
+def shipped(name: str) -> Path:
+    """Where the package keeps the trained tuner `name`."""
+    return Path(str(files("tuners") / "models" / f"{name}{model_file.SUFFIX}"))
+
+
+def from_file(path: str | os.PathLike[str]) -> Tuner:
+    """Read a tuner that `Tuner.save` wrote."""
+    settings, arrays = model_file.read(path)
+    known: tuple[type[Tuner], ...] = (*UNTRAINED.values(), TwoStage)
+    kinds = {cls.kind: cls for cls in known}
+    try:
+        return kinds[settings["kind"]].from_file(settings, arrays)
+    except (KeyError, TypeError) as error:
+        raise model_file.ModelFileError(
+            f"{path} lacks or misnames {error}: written by another version. Train it again."
+        ) from None

@@ -1,0 +1,43 @@
+"""What a learner predicts, and how gains come back from it.
+
+``loop``
+    Log magnitude and phase [rad] of the controller at the target crossover.  A phase
+    error there is the same error of phase margin for every vehicle, and the map to
+    (kp, Ti) is exact (`yawrate_env.controller`).
+``gains``
+    (kp, Ti) themselves, as the paper has it.  Ti runs from 0.07 s to beyond 2 s, so its
+    squared error is ruled by a few low-friction vehicles for which Ti hardly matters.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawrate_env import controller, validation
+from yawrate_env.design import Design, Status, design_from_response
+from yawrate_env.task import Target
+
+COORDINATES = ("loop", "gains")
+
+Array = NDArray[np.float64]
+
+
+def encode(kp: Array, Ti: Array, target: Target, coordinates: str) -> Array:
+    """Gains (B,) to targets (B, 2)."""
+    validation.one_of("coordinates", coordinates, COORDINATES)
+    if coordinates == "gains":
+        return np.stack([kp, Ti], axis=1)
+    return np.stack(controller.response(kp, Ti, target), axis=1)
+
+
+def decode(values: Array, target: Target, coordinates: str) -> Design:
+    """Predicted targets (B, 2) to gains, with a status each.
+
+    A phase that no PI supplies is treated as the design rule treats it; gains that are
+    not positive are `Status.UNREACHABLE` and ``nan``.
+    """
+    validation.one_of("coordinates", coordinates, COORDINATES)
+    if coordinates == "loop":
+        return design_from_response(values[:, 0], values[:, 1], target)
+    positive = (values > 0).all(axis=1)
+    kp, Ti = np.where(positive, values.T, np.nan)
+    return Design(kp, Ti, np.where(positive, Status.OK, Status.UNREACHABLE))

@@ -1,0 +1,80 @@
+"""First stage, the alternative: linear least squares on Laguerre functions.
+
+The output is regressed on the input filtered by the discrete Laguerre functions
+(Wahlberg, 1991) with pole ``a = exp(-pole Ts)``,
+
+    L_1 = sqrt(1 - a^2)/(q - a),   L_{i+1} = L_i (1 - a q)/(q - a),
+
+which span the impulse responses of stable systems and are orthonormal.  The fit is
+one linear problem without local minima, and the coefficients are the features.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawrate_env.compiled import kernel, over_blocks
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Laguerre:
+    """Compressor: coefficients on Laguerre functions.
+
+    Attributes
+    ----------
+    order : int
+        Number of functions.
+    pole : float
+        Their common pole, continuous [rad/s].
+    """
+
+    order: int = 10
+    pole: float = 12.0
+
+    def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Features (B, order) of episodes sampled at `Ts` [s], and which are usable (B,)."""
+        if y.shape[1] < 10 * self.order:
+            raise ValueError(
+                f"{y.shape[1]} samples are too few for {self.order} Laguerre coefficients; "
+                f"at least {10 * self.order} are needed. Record for longer."
+            )
+        if len(u) == 1:
+            regressors = self.regressors(u, Ts)[0]
+            values = y @ np.linalg.pinv(regressors)
+        else:
+            values = np.empty((len(y), self.order))
+
+            def work(i: int, j: int) -> None:
+                for b in range(i, j):
+                    phi = self.regressors(u[b : b + 1], Ts)[0]
+                    gram = phi @ phi.T
+                    values[b] = np.linalg.solve(
+                        gram + 1e-14 * np.trace(gram) * np.eye(self.order), phi @ y[b]
+                    )
+
+            over_blocks(work, len(y), 1)
+        return values, np.asarray(np.isfinite(values).all(axis=1))
+
+    def regressors(self, u: Array, Ts: float) -> Array:
+        """Filtered inputs, (E, order, N)."""
+        out = np.empty((len(u), self.order, u.shape[1]))
+        for row, filtered in zip(u, out, strict=True):
+            _filter(np.ascontiguousarray(row), float(np.exp(-self.pole * Ts)), filtered)
+        return out
+
+
+@kernel
+def _filter(u: NDArray[np.float64], a: float, out: NDArray[np.float64]) -> None:
+    order = len(out)
+    gain = np.sqrt(1.0 - a * a)
+    for k in range(1, len(u)):
+        out[0, k] = a * out[0, k - 1] + gain * u[k - 1] if k > 1 else gain * u[0]
+        for i in range(1, order):
+            previous = out[i, k - 1] if k > 1 else 0.0
+            delayed = out[i - 1, k - 1] if k > 1 else 0.0
+            out[i, k] = a * previous + delayed - a * out[i - 1, k]
+    for i in range(order):
+        out[i, 0] = 0.0

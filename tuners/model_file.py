@@ -1,0 +1,70 @@
+r"""One file a tuner: a line with a checksum, then arrays and JSON in safetensors form.
+
+    yawrate-tuner 1 <sha256 of the rest>\n
+    <xz: safetensors: arrays, and the settings as JSON in its metadata>
+
+Nothing is unpacked or parsed before the checksum agrees, because a damaged booster can
+bring down the process that reads it; no code is ever loaded from the file.
+"""
+
+import hashlib
+import json
+import lzma
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawrate_env.files import replacing
+
+FORMAT = "yawrate-tuner"
+VERSION = 1
+SUFFIX = ".tuner"
+
+
+class ModelFileError(ValueError):
+    """A file that is not a usable tuner."""
+
+
+def write(
+    path: str | os.PathLike[str], settings: dict[str, Any], arrays: dict[str, NDArray[Any]]
+) -> None:
+    """Write through a temporary file beside `path`, so that no half of it is ever seen."""
+    from safetensors.numpy import save
+
+    contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    body = lzma.compress(save(contiguous, {"settings": json.dumps(settings, sort_keys=True)}))
+    digest = hashlib.sha256(body).hexdigest()
+    with replacing(path) as file:
+        file.write(f"{FORMAT} {VERSION} {digest}\n".encode())
+        file.write(body)
+
+
+def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Read settings and arrays, or raise `ModelFileError` with the reason."""
+    from safetensors import SafetensorError
+    from safetensors.numpy import load
+
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise ModelFileError(f"{path}: {error.strerror}. Check the path.") from None
+    header, _, body = content.partition(b"\n")
+    words = header[:200].decode("ascii", "replace").split()
+    if len(words) != 3 or words[0] != FORMAT:
+        raise ModelFileError(f"{path} is not a tuner file. Train one with scripts/train.py.")
+    if words[1] != str(VERSION):
+        raise ModelFileError(
+            f"{path} has format version {words[1]}; this program reads {VERSION}. Update it."
+        )
+    if hashlib.sha256(body).hexdigest() != words[2]:
+        raise ModelFileError(f"{path} is damaged: its checksum does not agree. Copy it again.")
+    try:
+        packed = lzma.decompress(body)
+        size = int.from_bytes(packed[:8], "little")
+        metadata = json.loads(packed[8 : 8 + size])["__metadata__"]
+        return json.loads(metadata["settings"]), load(packed)
+    except (SafetensorError, lzma.LZMAError, KeyError, ValueError) as error:
+        raise ModelFileError(f"{path} cannot be read: {error}. Train it again.") from None

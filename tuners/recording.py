@@ -1,0 +1,95 @@
+"""What a tuner gets: recorded episodes."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from yawrate_env import validation
+from yawrate_env.batch import take
+from yawrate_env.vehicle import Context
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """B episodes of one length and sampling time.
+
+    Attributes
+    ----------
+    u : NDArray
+        (1, N) or (B, N) float64, steering command [rad].
+    y : NDArray
+        (B, N) float64, measured yaw rate [rad/s].
+    Ts : float
+        Sampling time [s].
+    v_x : NDArray or None
+        (B,) speed [m/s], where it is known.
+    context : Context or None
+        The truth, where it is visible; only the oracle looks at it.
+    """
+
+    u: NDArray[np.float64]
+    y: NDArray[np.float64]
+    Ts: float
+    v_x: NDArray[np.float64] | None = None
+    context: Context | None = None
+
+    @classmethod
+    def of(cls, u: ArrayLike, y: ArrayLike, Ts: float, v_x: ArrayLike | None = None) -> Self:
+        """One episode from two arrays (N,), checked."""
+        command = validation.finite_array("u", u, shape=(None,))
+        measured = validation.finite_array("y", y, shape=(None,))
+        if len(command) != len(measured):
+            raise ValueError(
+                f"u has {len(command)} samples and y has {len(measured)}. Cut them to one length."
+            )
+        validation.count("number of samples", len(command), at_least=2, remedy="Record more.")
+        validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
+        speed = None
+        if v_x is not None:
+            # A speed that varies a little over the episode counts by its mean.
+            mean = float(np.mean(validation.finite_array("v_x", np.atleast_1d(v_x), shape=(None,))))
+            speed = np.array([validation.number("v_x", mean, above=0.0, remedy="Give it in m/s.")])
+        return cls(command[None], measured[None], Ts, speed)
+
+    @classmethod
+    def of_observations(cls, obs: ArrayLike, Ts: float) -> tuple[Self, bool]:
+        """Episodes from environment observations, and whether it was a single one.
+
+        Parameters
+        ----------
+        obs : (rows, N) or (B, rows, N)
+            Rows as in the environment: command, yaw rate, then ``v_x`` if the speed is
+            visible, and ``mu_s, M_delta`` too if the context is.
+        """
+        array = np.asarray(obs, dtype=np.float64)
+        single = array.ndim == 2
+        array = array[None] if single else array
+        if array.ndim != 3 or array.shape[1] not in (2, 3, 5):
+            raise ValueError(
+                f"obs has shape {np.shape(obs)}, wanted (rows, N) or (B, rows, N) with 2, 3 or 5 "
+                "rows, as yawrate/PITuning-v0 gives them."
+            )
+        validation.finite_array("obs", array, shape=(None, None, None))
+        u = array[:, 0]
+        u = u[:1] if (u == u[:1]).all() else u
+        v_x = array[:, 2, 0].copy() if array.shape[1] > 2 else None
+        context = (
+            Context.of(array[:, 3, 0], array[:, 4, 0], v_x)
+            if v_x is not None and array.shape[1] == 5
+            else None
+        )
+        return cls(
+            np.ascontiguousarray(u), np.ascontiguousarray(array[:, 1]), Ts, v_x, context
+        ), single
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    def part(self, index: slice) -> "Recording":
+        """Some of the episodes."""
+        u = self.u if len(self.u) == 1 else self.u[index]
+        v_x = None if self.v_x is None else self.v_x[index]
+        context = None if self.context is None else take(self.context, index)
+        return Recording(u, self.y[index], self.Ts, v_x, context)

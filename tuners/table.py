@@ -1,0 +1,96 @@
+"""The paper's Table III, ours beside it."""
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tuners.evaluation import Evaluation
+from tuners.metrics import bootstrap_interval, rms_percent
+from yawrate_env.judge import Judge
+from yawrate_env.task import Task
+
+PAPER = {
+    "gb": {"phase_margin": (59.98, 0.2385), "crossover": (1.50, 0.0037)},
+    "ts-ff": {"phase_margin": (59.99, 0.1714), "crossover": (1.50, 0.0032)},
+    "ts-gbm": {"phase_margin": (60.01, 0.69), "crossover": (1.50, 0.0143)},
+}
+"""Mean and standard deviation printed in Table III."""
+
+Row = dict[str, Any]
+
+
+def row(e: Evaluation, task: Task) -> Row:
+    """Mean, spread, 95 % intervals, rms% of eq. (14) and the paper's figures for one tuner."""
+    oracle = Judge.of(task, e.context).oracle()
+    result: Row = {"tuner": e.tuner, "episodes": len(e.kp), "unstable": int((~e.stable).sum())}
+    for name in ("phase_margin", "crossover"):
+        values = getattr(e, name)
+        values = values[np.isfinite(values)]
+        result[name] = {
+            "mean": float(values.mean()),
+            "mean_interval": bootstrap_interval(values, np.mean),
+            "std": float(values.std()),
+            "std_interval": bootstrap_interval(values, np.std),
+            "rmse": float(np.sqrt(np.mean((values - getattr(task.target, name)) ** 2))),
+        }
+    result["rms_percent"] = {
+        "kp": rms_percent(oracle.kp, e.kp),
+        "Ti": rms_percent(oracle.Ti, e.Ti),
+    }
+    result["median_seconds"] = float(np.median(e.seconds))
+    result["paper"] = PAPER.get(e.tuner)
+    return result
+
+
+def bound_row(spread: Sequence[Sequence[float]] | Any, task: Task) -> Row:
+    """The Cramer-Rao bound as a row: root mean square over the vehicles of (B, 2) spreads."""
+    rms = np.sqrt((np.asarray(spread) ** 2).mean(axis=0))
+    return {
+        "tuner": "Cramér–Rao bound",
+        "episodes": len(spread),
+        "phase_margin": {"mean": task.target.phase_margin, "std": float(rms[0])},
+        "crossover": {"mean": task.target.crossover, "std": float(rms[1])},
+    }
+
+
+def to_json(rows: Sequence[Row], conditions: dict[str, Any]) -> str:
+    """Rows and the conditions they hold for."""
+    return json.dumps({"conditions": conditions, "rows": list(rows)}, indent=1) + "\n"
+
+
+def to_markdown(rows: Sequence[Row]) -> str:
+    """The table as people read it: ours, then the paper's in brackets' place."""
+    lines = [
+        "| tuner | phase margin [°] mean ± std | std 95 % | paper | crossover [Hz] mean ± std "
+        "| std 95 % | paper | rms% kp | rms% Ti | unstable |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    lines += [_line(r) for r in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _line(r: Row) -> str:
+    paper = r.get("paper") or {}
+    cells = [f"`{r['tuner']}`" if "unstable" in r else f"*{r['tuner']}*"]
+    for name, places in (("phase_margin", 3), ("crossover", 4)):
+        m = r[name]
+        cells.append(f"{m['mean']:.{places}f} ± {_short(m['std'])}")
+        interval = m.get("std_interval")
+        cells.append("–".join(map(_short, interval)) if interval else "")
+        cells.append("{:g} ± {:g}".format(*paper[name]) if paper else "")
+    percent = r.get("rms_percent", {})
+    cells += [_short(percent[k]) if k in percent else "" for k in ("kp", "Ti")]
+    cells.append(str(r.get("unstable", "")))
+    return "| " + " | ".join(cells) + " |"
+
+
+def _short(value: float) -> str:
+    """Three significant digits without an exponent."""
+    if value == 0 or not math.isfinite(value):
+        return f"{value:g}"
+    if value < 1e-7:
+        return f"{value:.0e}"
+    return f"{value:.{max(0, 2 - math.floor(math.log10(value)))}f}"

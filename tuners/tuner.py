@@ -1,0 +1,207 @@
+"""What every tuner can do: tune a log, act as a policy, be saved."""
+
+import os
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tuners import model_file
+from tuners.recording import Recording
+from yawrate_env.design import Design, Status
+from yawrate_env.judge import Judge
+from yawrate_env.task import Prior, Task
+from yawrate_env.vehicle import Context, Vehicle
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class TuningResult:
+    """Gains for one recorded episode.
+
+    Attributes
+    ----------
+    kp : float
+        Proportional gain [s].
+    Ti : float
+        Integral time [s].
+    status : Status
+        Whether the design target was reached.
+    converged : bool
+        Whether the tuner's own numerics succeeded.
+    notes : tuple of str
+        What differs from the conditions that the tuner was made for, in words.
+    """
+
+    kp: float
+    Ti: float
+    status: Status
+    converged: bool
+    notes: tuple[str, ...]
+
+
+def nominal_context(prior: Prior) -> Context:
+    """The vehicle in the middle of the prior."""
+    return Context.of(*(sum(r) / 2 for r in (prior.mu_s, prior.M_delta, prior.v_x)))
+
+
+class Tuner(ABC):
+    """A map from a recorded episode to the gains of a PI controller.
+
+    Parameters
+    ----------
+    task : Task
+        The vehicles, experiment and loop target it is made for.
+    """
+
+    kind: ClassVar[str]
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        nominal = Judge.of(task, nominal_context(task.prior)).oracle()
+        self._fallback = float(nominal.kp[0]), float(nominal.Ti[0])
+
+    @abstractmethod
+    def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
+        """Gains for every episode, and where the numerics converged."""
+
+    def tune(
+        self, u: ArrayLike, y: ArrayLike, Ts: float, v_x: ArrayLike | None = None
+    ) -> TuningResult:
+        """Tune from one recorded episode.
+
+        Parameters
+        ----------
+        u : (N,)
+            Steering command [rad].
+        y : (N,)
+            Measured yaw rate [rad/s].
+        Ts : float
+            Sampling time [s].
+        v_x : float or (N,), optional
+            Speed [m/s]; that of the tuner's own vehicles if not given.
+
+        Returns
+        -------
+        TuningResult
+            Where the tuner finds no gains, those of the nominal vehicle, and a note.
+
+        Raises
+        ------
+        ValueError
+            The episode cannot be used; the message says why and what to do.
+        """
+        recording = Recording.of(u, y, Ts, v_x)
+        design, converged = self.gains(recording)
+        notes = self._differences(recording)
+        if not np.isfinite(design.kp[0]):
+            notes += ("No gains found: these are the nominal vehicle's.",)
+        if not converged[0]:
+            notes += ("The fit did not converge: check the recording.",)
+        kp, Ti = self._usable(design)
+        return TuningResult(
+            float(kp[0]), float(Ti[0]), Status(design.status[0]), bool(converged[0]), notes
+        )
+
+    def predict(
+        self,
+        obs: ArrayLike,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, Any]:
+        """Act as a policy, with the signature that Stable-Baselines3's tools call.
+
+        Parameters
+        ----------
+        obs : (rows, N) or (B, rows, N)
+            One observation of ``yawrate/PITuning-v0``, or a batch.
+
+        Returns
+        -------
+        actions : (2,) or (B, 2) float64
+            (kp, Ti); the nominal vehicle's where the tuner finds none.
+        state
+            As given.
+        """
+        samples = np.shape(obs)[-1] if np.ndim(obs) else 0
+        experiment = self.task.experiment
+        recording, single = Recording.of_observations(obs, experiment.Ts)
+        if samples != experiment.N:
+            raise ValueError(
+                f"obs has {samples} samples, this tuner's episodes have {experiment.N} of "
+                f"{experiment.Ts:g} s. Use tune(u, y, Ts), or train a tuner for this experiment."
+            )
+        actions = self.act(recording)
+        return (actions[0] if single else actions), state
+
+    def act(self, recording: Recording) -> Array:
+        """(B, 2) of usable (kp, Ti); the nominal vehicle's where the tuner finds none."""
+        design, _ = self.gains(recording)
+        return np.stack(self._usable(design), axis=1)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the tuner to one file, completely or not at all."""
+        model_file.write(path, {"kind": self.kind, **self.settings()}, self.arrays())
+
+    def settings(self) -> dict[str, Any]:
+        """What to save beside the arrays, as plain JSON values."""
+        return {"task": asdict(self.task)}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Learned numbers to save."""
+        return {}
+
+    @classmethod
+    def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
+        """Rebuild from what `settings` and `arrays` gave."""
+        return cls(task_from(settings))
+
+    def speeds(self, recording: Recording) -> Array:
+        """Speed of every episode [m/s], (B,): recorded, or the tuner's own single one."""
+        if recording.v_x is not None:
+            return recording.v_x
+        low, high = self.task.prior.v_x
+        if low != high:
+            raise ValueError(
+                f"v_x is needed: this tuner covers {low:g} to {high:g} m/s. "
+                "Give the speed of the recording."
+            )
+        return np.full(len(recording), low)
+
+    def _usable(self, design: Design) -> tuple[Array, Array]:
+        found = np.isfinite(design.kp) & np.isfinite(design.Ti)
+        return np.where(found, design.kp, self._fallback[0]), np.where(
+            found, design.Ti, self._fallback[1]
+        )
+
+    def _differences(self, recording: Recording) -> tuple[str, ...]:
+        experiment, prior = self.task.experiment, self.task.prior
+        notes = []
+        if not np.isclose(recording.Ts, experiment.Ts):
+            notes.append(f"Ts is {recording.Ts:g} s, made for {experiment.Ts:g} s.")
+        if recording.y.shape[1] != experiment.N:
+            notes.append(f"{recording.y.shape[1]} samples, made for {experiment.N}.")
+        if recording.v_x is not None and not (
+            prior.v_x[0] - 0.25 <= recording.v_x[0] <= prior.v_x[1] + 0.25
+        ):
+            low, high = prior.v_x
+            made = f"{low:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
+            notes.append(f"Speed is {recording.v_x[0]:.2f} m/s, made for {made}.")
+        return tuple(notes)
+
+
+def task_from(settings: dict[str, Any]) -> Task:
+    """Rebuild the task that `Tuner.settings` saved."""
+    from yawrate_env.task import Experiment, Target
+
+    saved = settings["task"]
+    return Task(
+        Vehicle(**saved["vehicle"]),
+        Prior(**{name: tuple(values) for name, values in saved["prior"].items()}),
+        Experiment(**saved["experiment"]),
+        Target(**saved["target"]),
+    )

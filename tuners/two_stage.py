@@ -1,0 +1,127 @@
+"""The two-stage tuner: compress the episode, then predict the controller."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners import coordinates
+from tuners.armax import Armax
+from tuners.feedforward import FeedForward, FeedForwardSettings
+from tuners.gbm import GBM, GBMSettings
+from tuners.laguerre import Laguerre
+from tuners.recording import Recording
+from tuners.tuner import Tuner, task_from
+from yawrate_env.design import Design
+from yawrate_env.task import Task
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+COMPRESSORS: dict[str, Any] = {"armax": Armax, "laguerre": Laguerre}
+LEARNERS: dict[str, Any] = {"gbm": GBM, "feedforward": FeedForward}
+
+
+class Compressor(Protocol):
+    """First stage: episodes to a few features each."""
+
+    def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Features (B, n) and where they are usable (B,)."""
+
+
+class Learner(Protocol):
+    """Second stage, trained: features (B, n) to targets (B, 2)."""
+
+    def __call__(self, X: Array) -> Array:
+        """Predict."""
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Everything there is to save."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """A two-stage tuner before training; every combination is allowed.
+
+    Attributes
+    ----------
+    compressor : Armax or Laguerre
+        First stage.
+    learner : GBMSettings or FeedForwardSettings
+        Second stage.
+    coordinates : {"loop", "gains"}
+        What is predicted.
+    """
+
+    compressor: Armax | Laguerre
+    learner: GBMSettings | FeedForwardSettings
+    coordinates: str = "loop"
+
+
+class TwoStage(Tuner):
+    """A trained two-stage tuner.
+
+    Parameters
+    ----------
+    task : Task
+        What it was trained for.
+    compressor : Compressor
+        First stage.
+    learner : Learner
+        Second stage.
+    coordinates : {"loop", "gains"}
+        What the learner predicts.
+    training : dict
+        How it was trained, kept for the record.
+    """
+
+    kind: ClassVar[str] = "two-stage"
+
+    def __init__(
+        self,
+        task: Task,
+        compressor: Armax | Laguerre,
+        learner: FeedForward | GBM,
+        coordinates: str,
+        training: dict[str, Any],
+    ) -> None:
+        super().__init__(task)
+        self.compressor, self.learner = compressor, learner
+        self.coordinates, self.training = coordinates, training
+
+    def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
+        """Compress, predict, convert."""
+        features, usable = self.compressor(recording.u, recording.y, recording.Ts)
+        features = np.where(np.isfinite(features), features, 0.0)
+        design = coordinates.decode(self.learner(features), self.task.target, self.coordinates)
+        return design, usable
+
+    def settings(self) -> dict[str, Any]:
+        """Task, both stages' settings and how it was trained."""
+        names = {Armax: "armax", Laguerre: "laguerre", GBM: "gbm", FeedForward: "feedforward"}
+        return {
+            **super().settings(),
+            "compressor": {"name": names[type(self.compressor)], **asdict(self.compressor)},
+            "learner": names[type(self.learner)],
+            "coordinates": self.coordinates,
+            "training": self.training,
+        }
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The learner's."""
+        return self.learner.arrays()
+
+    @classmethod
+    def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
+        """Rebuild from what was saved."""
+        compressor = dict(settings["compressor"])
+        name = compressor.pop("name")
+        return cls(
+            task_from(settings),
+            COMPRESSORS[name](**compressor),
+            LEARNERS[settings["learner"]].from_arrays(arrays),
+            settings["coordinates"],
+            settings["training"],
+        )
