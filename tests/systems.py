@@ -11,6 +11,7 @@ from functools import cache
 import control
 import numpy as np
 
+from yawrate_env.batch import take
 from yawrate_env.discretisation import DiscretePlant
 from yawrate_env.episode import plants
 from yawrate_env.loop import Margins, TransferFunction, margins, open_loop
@@ -34,7 +35,7 @@ def gains(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def control_plant(vehicle: Vehicle, context: Context, index: int, Ts: float) -> control.StateSpace:
-    A, B, C = state_space(vehicle, context[index : index + 1])
+    A, B, C = state_space(vehicle, take(context, slice(index, index + 1)))
     return control.sample_system(control.ss(A[0], B[0][:, None], C[None], 0), Ts, "zoh")
 
 

@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from systems import contexts
 
+from yawrate_env.batch import take
 from yawrate_env.design import Status, design, design_from_response, required_response
 from yawrate_env.discretisation import zoh
 from yawrate_env.episode import plants
@@ -142,7 +143,7 @@ def test_phase_limited_designs_keep_the_crossover_and_about_one_degree_of_lag(ph
 def test_one_design_does_not_depend_on_the_batch(count):
     target = Target()
     together = design(transfer_functions(target, 40), target)
-    plant = plants(Vehicle(), contexts(40, 0)[5 : 5 + count], target.Ts)
+    plant = plants(Vehicle(), take(contexts(40, 0), slice(5, 5 + count)), target.Ts)
     alone = design(TransferFunction.of(plant), target)
     np.testing.assert_array_equal(alone.kp, together.kp[5 : 5 + count])
     np.testing.assert_array_equal(alone.Ti, together.Ti[5 : 5 + count])

@@ -5,6 +5,7 @@ import pytest
 import scipy.stats
 from scipy.signal import max_len_seq
 
+from yawrate_env.batch import replaced, take
 from yawrate_env.episode import WORDS, Draw, excitation, plants, record, stream
 from yawrate_env.noise import standard_normal
 from yawrate_env.simulation import simulate
@@ -98,7 +99,7 @@ def test_a_recording_does_not_depend_on_the_batch(N, count):
     _, together = record(task, drawn)
     for first in (0, 5, 17):
         part = slice(first, first + count)
-        np.testing.assert_array_equal(record(task, drawn[part])[1], together[part])
+        np.testing.assert_array_equal(record(task, take(drawn, part))[1], together[part])
 
 
 def test_recording_into_a_float32_view():
@@ -113,7 +114,7 @@ def test_replaced_episodes_and_no_others():
     task = Task(experiment=Experiment(N=300, register="random"))
     old, new = draw(task, 6), draw(task, 2, root=1)
     before = record(task, old)[1]
-    mixed = record(task, old.replaced(np.array([1, 4]), new))[1]
+    mixed = record(task, replaced(old, np.array([1, 4]), new))[1]
     np.testing.assert_array_equal(mixed[[1, 4]], record(task, new)[1])
     np.testing.assert_array_equal(mixed[[0, 2, 3, 5]], before[[0, 2, 3, 5]])
     np.testing.assert_array_equal(record(task, old)[1], before)  # the original is left alone

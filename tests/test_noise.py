@@ -90,8 +90,8 @@ def test_the_transcriptions_give_the_published_outputs():
 @pytest.mark.parametrize("key", [*keys(5), np.zeros(4, np.uint64), np.full(4, WORD, np.uint64)])
 def test_numbers_are_those_of_the_plain_transcription(key):
     literal = literal_stream(key, pairs=100)
-    # The polynomials for log, sine and cosine stop at 1e-11.
-    np.testing.assert_allclose(standard_normal(key[None], 3200)[0], literal, rtol=0, atol=1e-10)
+    # The polynomials for log, sine and cosine stop at 2e-11.
+    np.testing.assert_allclose(standard_normal(key[None], 3200)[0], literal, rtol=0, atol=5e-11)
 
 
 def test_moments(sample):

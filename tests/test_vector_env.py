@@ -94,6 +94,15 @@ def test_each_row_is_a_scalar_environment(name):
             np.testing.assert_array_equal(obs[i], one.reset()[0])
 
 
+def test_partial_reset_pins_each_row_to_its_own_value():
+    env = native(4)
+    env.reset(seed=3)
+    mask = np.array([False, True, False, True])
+    env.reset(options={"reset_mask": mask, "mu_s": [0.35, 0.45, 0.55, 0.65]})
+    truth = env.step(actions(4, 0))[4]["final_info"]["mu_s"]
+    assert truth[mask].tolist() == [0.45, 0.65]
+
+
 # From Python 3.12 on forking warns where any thread runs, those of NumPy's BLAS included.
 @pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
 def test_worker_processes_forked_after_the_kernels_ran_give_the_same():

@@ -79,7 +79,7 @@ def test_context_broadcasts_and_copies():
     context = Context.of(mu_s, 100, 20.0)
     mu_s[:] = 0
     assert context.mu_s.tolist() == [0.5, 0.6]
-    assert context.M_delta.tolist() == [100, 100] and len(context[1:]) == 1
+    assert context.M_delta.tolist() == [100, 100] and len(context) == 2
 
 
 @pytest.mark.parametrize("name", Vehicle.__slots__)

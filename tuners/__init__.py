@@ -4,6 +4,8 @@
 ``predict(obs)`` acts as a policy in ``yawrate/PITuning-v0``.
 """
 
+from gymnasium.envs.registration import register, registry
+
 from tuners.catalogue import NAMES, RECIPES, load, train
 from tuners.model_file import ModelFileError
 from tuners.recording import Recording
@@ -22,3 +24,10 @@ __all__ = [
     "load",
     "train",
 ]
+
+if "yawrate/PITuningFeatures-v0" not in registry:
+    register(
+        id="yawrate/PITuningFeatures-v0",
+        entry_point="tuners.wrappers:features_env",
+        vector_entry_point="tuners.wrappers:features_vector_env",
+    )

@@ -14,7 +14,7 @@ from yawrate_env.task import Task
 def whole(text: str) -> int:
     """A positive whole number; ``1e6`` is one."""
     value = float(text)
-    if value < 1 or value != int(value):
+    if value < 1 or not value.is_integer():
         raise argparse.ArgumentTypeError(f"{text} is not a positive whole number")
     return int(value)
 
@@ -62,6 +62,6 @@ def run(main: Callable[[], None]) -> None:
     """Run a script; what the user did wrong is one line and exit status 2, not a traceback."""
     try:
         main()
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, OverflowError, MemoryError) as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None

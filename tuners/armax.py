@@ -44,7 +44,7 @@ _MU_START, _MU_LEAST, _MU_MAX = 1e-3, 1e-12, 1e10
 
 
 class FitStatus(IntEnum):
-    """How a fit ended."""
+    """How a fit ended; without a finite cost, or with a constant input or output, degenerate."""
 
     CONVERGED = 0
     NOT_CONVERGED = 1
@@ -99,6 +99,7 @@ def armax(u: NDArray[np.float64], y: NDArray[np.float64], Ts: float) -> ArmaxFit
         status[i:j], passes[i:j] = found[2][: j - i].T
 
     over_blocks(work, count, LANES)
+    status[(np.ptp(u, axis=1) == 0) | (np.ptp(y, axis=1) == 0)] = FitStatus.DEGENERATE
     return ArmaxFit(theta, cost / y.shape[1], status, passes)
 
 

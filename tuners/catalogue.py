@@ -14,6 +14,7 @@ from tuners.datasets import Dataset, simulate_dataset
 from tuners.feedforward import FeedForwardSettings
 from tuners.gbm import GBMSettings
 from tuners.gray_box import GrayBox
+from tuners.laguerre import Laguerre
 from tuners.tuner import Tuner
 from tuners.two_stage import Recipe, TwoStage
 from yawrate_env import validation
@@ -25,8 +26,19 @@ RECIPES = {
     "ts-ff": Recipe(Armax(), FeedForwardSettings()),
     "ts-gbm-gains": Recipe(Armax(), GBMSettings(), "gains"),
     "ts-ff-gains": Recipe(Armax(), FeedForwardSettings(), "gains"),
+    "ts-ff-lag": Recipe(
+        Laguerre(order=8, pole=12.0),
+        FeedForwardSettings(neurons=16, max_fail=10),
+        noise_draws=12,
+    ),
+    "ts-gbm-lag": Recipe(
+        Laguerre(order=8, pole=12.0),
+        GBMSettings(n_estimators=3000, max_depth=6, max_leaves=0, learning_rate=0.05),
+        noise_draws=12,
+    ),
 }
-"""The tuners that are trained; the paper's two, and the same with its literal targets."""
+"""The tuners that are trained: the paper's two, the same with its literal targets, and
+the same learners on Laguerre features with fresh noise on every simulated vehicle."""
 
 UNTRAINED: dict[str, type[Tuner]] = {"gb": GrayBox, "oracle": Oracle, "nominal": Nominal}
 """The tuners that need no training."""
@@ -36,6 +48,7 @@ NAMES = (*RECIPES, *UNTRAINED)
 TRAINING_SHARE = 0.8
 TRAINING_SEED = 0
 TRAINING_EPISODES = 1500
+_LEAST_USABLE = 20
 
 Progress = Callable[[str, int, int], None]
 
@@ -71,18 +84,31 @@ def train(
 
     if dataset is None:
         dataset = simulate_dataset(
-            task, CONTEXT_SETS["train"], episodes, seed, recipe.compressor, report("simulating")
+            task,
+            CONTEXT_SETS["train"],
+            episodes,
+            seed,
+            recipe.compressor,
+            noise_draws=recipe.noise_draws,
+            progress=report("simulating"),
         )
     rows = np.flatnonzero(dataset.usable)
-    rows = np.random.default_rng(seed).permutation(rows)
-    cut = round(TRAINING_SHARE * len(rows))
+    if len(rows) < _LEAST_USABLE:
+        raise ValueError(
+            f"{len(rows)} of {len(dataset)} episodes are usable, at least {_LEAST_USABLE} are "
+            "needed. Choose a target that a PI can reach, or simulate more."
+        )
+    order = np.random.default_rng(seed).permutation(dataset.vehicle.max() + 1)
+    trains = np.isin(dataset.vehicle, order[: round(TRAINING_SHARE * len(order))])
+    fitted, checked = rows[trains[rows]], rows[~trains[rows]]
     X, T = dataset.features, dataset.targets(task, recipe.coordinates)
     learner = recipe.learner.fit(
-        X[rows[:cut]], T[rows[:cut]], X[rows[cut:]], T[rows[cut:]], seed, report(f"training {name}")
+        X[fitted], T[fitted], X[checked], T[checked], seed, report(f"training {name}")
     )
     training = {
         "name": name,
-        "episodes": len(dataset),
+        "vehicles": len(order),
+        "noise_draws": recipe.noise_draws,
         "used": len(rows),
         "seed": seed,
         "context": "train",

@@ -27,6 +27,8 @@ class Dataset:
 
     Attributes
     ----------
+    vehicle : NDArray
+        (m,) which vehicle a row is of; the rows of one differ by their noise alone.
     context : Context
         The vehicles.
     features : NDArray
@@ -37,6 +39,7 @@ class Dataset:
         The design rule's gains.
     """
 
+    vehicle: NDArray[np.int64]
     context: Context
     features: NDArray[np.float64]
     usable: NDArray[np.bool_]
@@ -56,18 +59,28 @@ def simulate_dataset(
     episodes: int,
     seed: int,
     compressor: Compressor,
+    *,
+    noise_draws: int = 1,
     progress: Progress | None = None,
 ) -> Dataset:
-    """Simulate and compress the first `episodes` of a context set's seed."""
+    """Simulate and compress the first `episodes` of a context set's seed.
+
+    Parameters
+    ----------
+    noise_draws : int
+        Record every vehicle so many times, with fresh noise.
+    """
     parts = []
-    for first in range(0, episodes, _CHUNK):
-        count = min(_CHUNK, episodes - first)
-        draw = contexts.draw(task.prior, seed, first, count)
-        u, y = record(task, draw)
-        features, usable = compressor(u, np.asarray(y, dtype=np.float64), task.experiment.Ts)
-        oracle = Judge.of(task, draw.context).oracle()
-        usable &= oracle.status == Status.OK
-        parts.append(Dataset(draw.context, features, usable, oracle))
-        if progress is not None:
-            progress(first + count, episodes)
+    for repeat in range(noise_draws):
+        for first in range(0, episodes, _CHUNK):
+            count = min(_CHUNK, episodes - first)
+            draw = contexts.draw(task.prior, seed, first, count, repeat)
+            u, y = record(task, draw)
+            features, usable = compressor(u, np.asarray(y, dtype=np.float64), task.experiment.Ts)
+            oracle = Judge.of(task, draw.context).oracle()
+            usable &= oracle.status == Status.OK
+            vehicle = np.arange(first, first + count)
+            parts.append(Dataset(vehicle, draw.context, features, usable, oracle))
+            if progress is not None:
+                progress(repeat * episodes + first + count, episodes * noise_draws)
     return concatenate(parts)

@@ -48,7 +48,7 @@ class Identified:
     cost : NDArray
         Mean squared output error [(rad/s)^2].
     converged : NDArray
-        Whether the last step promised nothing more.
+        Whether the last step promised nothing more, and the data depend on both parameters.
     steps : NDArray
         Simulations with sensitivities that it took.
     """
@@ -105,7 +105,7 @@ def identify(vehicle: Vehicle, recording: Recording, start: Context, v_x: Array)
         promised = np.einsum("bi,bi->b", step[active], slope[active])
         step[active] = np.clip(step[active], -_LARGEST_STEP, _LARGEST_STEP)
         done = (promised < _TOLERANCE * best[active]) & (gained < 1e-4 * best[active])
-        converged[active[done]] = True
+        converged[active[done]] = normal[active[done]].diagonal(axis1=1, axis2=2).all(axis=1)
         active = active[~done & (damping[active] < 1e8) & np.isfinite(best[active])]
         if not len(active):
             break

@@ -41,22 +41,24 @@ class Laguerre:
                 f"{y.shape[1]} samples are too few for {self.order} Laguerre coefficients; "
                 f"at least {10 * self.order} are needed. Record for longer."
             )
-        if len(u) == 1:
-            regressors = self.regressors(u, Ts)[0]
-            values = y @ np.linalg.pinv(regressors)
-        else:
-            values = np.empty((len(y), self.order))
+        values = np.empty((len(y), self.order))
 
-            def work(i: int, j: int) -> None:
-                for b in range(i, j):
-                    phi = self.regressors(u[b : b + 1], Ts)[0]
-                    gram = phi @ phi.T
-                    values[b] = np.linalg.solve(
-                        gram + 1e-14 * np.trace(gram) * np.eye(self.order), phi @ y[b]
-                    )
+        def work(i: int, j: int) -> None:
+            values[i:j] = self._fit(u if len(u) == 1 else u[i:j], y[i:j], Ts)
 
-            over_blocks(work, len(y), 1)
-        return values, np.asarray(np.isfinite(values).all(axis=1))
+        over_blocks(work, len(y), len(y) if len(u) == 1 else 1)
+        return values, np.asarray(np.isfinite(values).all(axis=1) & u.any(axis=1))
+
+    def _fit(self, u: Array, y: Array, Ts: float) -> Array:
+        """Least squares of (B, N) outputs on one input (1, N), by the normal equations.
+
+        Orthonormal functions and a broad-band input keep them well conditioned, and
+        they are several times faster than a decomposition of the regressors.
+        """
+        phi = self.regressors(u, Ts)[0]
+        gram = phi @ phi.T
+        ridge = 1e-14 * np.trace(gram) or 1.0  # an input of zeros has no solution at all
+        return np.linalg.solve(gram + ridge * np.eye(self.order), phi @ y.T).T
 
     def regressors(self, u: Array, Ts: float) -> Array:
         """Filtered inputs, (E, order, N)."""

@@ -52,7 +52,7 @@ def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArra
     except OSError as error:
         raise ModelFileError(f"{path}: {error.strerror}. Check the path.") from None
     header, _, body = content.partition(b"\n")
-    words = header[:200].decode("ascii", "replace").split()
+    words = header[:200].decode("ascii", "replace").split(" ")
     if len(words) != 3 or words[0] != FORMAT:
         raise ModelFileError(f"{path} is not a tuner file. Train one with scripts/train.py.")
     if words[1] != str(VERSION):

@@ -71,7 +71,7 @@ def trained(task: Task, episodes: int, seed: int, progress: Progress) -> dict[st
         episodes,
         seed,
         Armax(),
-        lambda done, of: progress("simulating", done, of),
+        progress=lambda done, of: progress("simulating", done, of),
     )
     tuners: dict[str, Tuner] = {name: cls(task) for name, cls in UNTRAINED.items()}
     for name, recipe in RECIPES.items():

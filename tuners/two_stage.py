@@ -53,11 +53,14 @@ class Recipe:
         Second stage.
     coordinates : {"loop", "gains"}
         What is predicted.
+    noise_draws : int
+        Recordings of every simulated vehicle, with fresh noise.
     """
 
     compressor: Armax | Laguerre
     learner: GBMSettings | FeedForwardSettings
     coordinates: str = "loop"
+    noise_draws: int = 1
 
 
 class TwoStage(Tuner):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from yawrate_env import validation
 from yawrate_env.episode import Draw, stream
+from yawrate_env.noise import KEY_WORDS
 from yawrate_env.task import Prior
 
 
@@ -28,9 +29,14 @@ class ContextSet:
     tag: int
     beyond: Prior | None = None
 
-    def draw(self, prior: Prior, seed: int, first: int, count: int) -> Draw:
-        """Episodes ``first`` to ``first + count`` of `seed`; speed is always the task's."""
+    def draw(self, prior: Prior, seed: int, first: int, count: int, repeat: int = 0) -> Draw:
+        """Episodes ``first`` to ``first + count`` of `seed`; speed is always the task's.
+
+        Another `repeat` has the same vehicles and inputs, and fresh noise.
+        """
         words = stream((self.tag, seed), first, count)
+        if repeat:
+            words[:, -KEY_WORDS:] = stream((self.tag, seed, repeat), first, count)[:, -KEY_WORDS:]
         if self.beyond is None:
             return Draw.of(words, prior)
         return Draw.of(words, Prior(self.beyond.mu_s, self.beyond.M_delta, prior.v_x))

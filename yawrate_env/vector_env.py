@@ -48,7 +48,7 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
         self._drawn: Draw | None = None
         self._obs: Observation | None = None
 
-    @property
+    @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """Every sub-environment's generator."""
         self._ensure_generators()

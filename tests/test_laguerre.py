@@ -1,0 +1,84 @@
+"""Laguerre features against their definition and SciPy's filters."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from tuners.laguerre import Laguerre
+from yawrate_env.excitation import prbs
+
+TS = 0.001
+U = prbs(10_000, TS, 0.1, np.radians(1))
+NOISE = np.random.default_rng(0).standard_normal((3, U.shape[1]))
+
+
+@pytest.mark.parametrize("order, pole, Ts", [(10, 12.0, 0.001), (10, 12.0, 0.01), (16, 30.0, 0.01)])
+def test_impulse_responses_are_orthonormal(order, pole, Ts):
+    N = round(20 / (pole * Ts)) * 10  # the slowest tail has decayed by e^-200
+    phi = Laguerre(order, pole).regressors(np.eye(1, N), Ts)[0]
+    np.testing.assert_allclose(phi @ phi.T, np.eye(order), atol=1e-12)
+
+
+def test_regressors_are_the_filters_of_the_definition():
+    a = np.exp(-12.0 * TS)
+    expected = [lfilter([0, np.sqrt(1 - a * a)], [1, -a], U[0])]
+    for _ in range(9):
+        expected.append(lfilter([-a, 1], [1, -a], expected[-1]))
+    found = Laguerre().regressors(U, TS)[0]
+    # Rounding of ten filters with memories of 80 samples.
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_the_first_sample_of_the_input_counts():
+    phi = Laguerre(order=3).regressors(np.eye(1, 100), TS)[0]
+    a = np.exp(-12.0 * TS)
+    # L_i starts with q^-1 sqrt(1 - a^2) (-a)^(i-1): nothing answers in the same sample.
+    np.testing.assert_array_equal(phi[:, 0], 0)
+    np.testing.assert_allclose(phi[:, 1], np.sqrt(1 - a * a) * (-a) ** np.arange(3), rtol=1e-12)
+
+
+@pytest.mark.parametrize("inputs", ["shared", "own"])
+def test_outputs_in_the_span_are_recovered(inputs):
+    rng = np.random.default_rng(1)
+    coefficients = rng.standard_normal((3, 10))
+    u = U if inputs == "shared" else np.array([np.roll(U[0], 1000 * b) for b in range(3)])
+    phi = np.broadcast_to(Laguerre().regressors(u, TS), (3, 10, U.shape[1]))
+    y = np.einsum("bi,bin->bn", coefficients, phi)
+    features, usable = Laguerre()(u, y, TS)
+    assert usable.all()
+    # The regressors' condition number is below 10, and the ridge is 1e-14 of their power.
+    np.testing.assert_allclose(features, coefficients, rtol=1e-10, atol=1e-10)
+
+
+def test_shared_and_own_inputs_agree():
+    shared, _ = Laguerre()(U, NOISE, TS)
+    own, _ = Laguerre()(np.repeat(U, 3, axis=0), NOISE, TS)
+    np.testing.assert_allclose(own, shared, rtol=1e-8)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_an_episodes_features_do_not_depend_on_the_batch(count):
+    whole, part = Laguerre()(U, NOISE, TS)[0], Laguerre()(U, NOISE[:count], TS)[0]
+    np.testing.assert_allclose(part, whole[:count], rtol=1e-12)  # BLAS sums in another order
+
+
+def test_residual_is_orthogonal_to_every_function():
+    features, _ = Laguerre()(U, NOISE, TS)
+    phi = Laguerre().regressors(U, TS)[0]
+    residual = NOISE - features @ phi
+    assert abs(residual @ phi.T).max() < 1e-10 * abs(NOISE @ phi.T).max()
+
+
+@pytest.mark.parametrize("inputs", ["shared", "own"])
+def test_useless_episodes_are_not_usable(inputs):
+    y = NOISE.copy()
+    y[1, 5] = np.nan
+    u = U if inputs == "shared" else np.repeat(U, 3, axis=0)
+    assert Laguerre()(u, y, TS)[1].tolist() == [True, False, True]
+    assert not Laguerre()(0 * u, NOISE, TS)[1].any()
+
+
+def test_a_recording_that_is_too_short_is_refused():
+    with pytest.raises(ValueError, match="99 samples .* 10 Laguerre .* 100 .*Record"):
+        Laguerre()(U[:, :99], NOISE[:, :99], TS)
+    assert Laguerre()(U[:, :100], NOISE[:, :100], TS)[0].shape == (3, 10)
