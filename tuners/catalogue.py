@@ -15,6 +15,7 @@ from tuners.feedforward import FeedForwardSettings
 from tuners.gbm import GBMSettings
 from tuners.gray_box import GrayBox
 from tuners.laguerre import Laguerre
+from tuners.rl import RLTuner
 from tuners.tuner import Tuner
 from tuners.two_stage import Recipe, TwoStage
 from yawrate_env import validation
@@ -43,7 +44,7 @@ the same learners on Laguerre features with fresh noise on every simulated vehic
 UNTRAINED: dict[str, type[Tuner]] = {"gb": GrayBox, "oracle": Oracle, "nominal": Nominal}
 """The tuners that need no training."""
 
-NAMES = (*RECIPES, *UNTRAINED)
+NAMES = (*RECIPES, *UNTRAINED, "rl")
 
 TRAINING_SHARE = 0.8
 TRAINING_SEED = 0
@@ -140,7 +141,7 @@ def shipped(name: str) -> Path:
 def from_file(path: str | os.PathLike[str]) -> Tuner:
     """Read a tuner that `Tuner.save` wrote."""
     settings, arrays = model_file.read(path)
-    known: tuple[type[Tuner], ...] = (*UNTRAINED.values(), TwoStage)
+    known: tuple[type[Tuner], ...] = (*UNTRAINED.values(), TwoStage, RLTuner)
     kinds = {cls.kind: cls for cls in known}
     try:
         return kinds[settings["kind"]].from_file(settings, arrays)

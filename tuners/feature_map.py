@@ -141,5 +141,3 @@ class ActionMap:
         kp, Ti = gains.T
         values = np.stack(controller.response(kp, Ti, self.target), axis=1)
         return np.asarray(np.clip(2 * (values - low) / (high - low) - 1, -1, 1))
-
-

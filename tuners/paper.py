@@ -5,6 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tuners import plots
@@ -119,7 +120,7 @@ def draw_figures(
         progress("drawing", done, len(pictures))
 
 
-def _identification(task: Task, seed: int) -> plots.Figure:
+def _identification(task: Task, seed: int) -> Figure:
     """Fig. 4: one test episode, noise-free, noisy, and the ARMAX model's own response."""
     draw = CONTEXT_SETS["test"].draw(task.prior, seed, 0, 1)
     u, y = record(task, draw)
@@ -129,10 +130,11 @@ def _identification(task: Task, seed: int) -> plots.Figure:
     model = simulated(armax(slow_u, slow_y, stage.Ts).theta, slow_u)
     time = np.arange(task.experiment.N) * task.experiment.Ts
     middle = (np.arange(slow_y.shape[1]) + 0.5) * stage.Ts - task.experiment.Ts / 2
-    return plots.identification(time, clean[0], y[0], middle, model[0], u[0])
+    measured = np.asarray(y[0], dtype=np.float64)
+    return plots.identification(time, clean[0], measured, middle, model[0], u[0])
 
 
-def _tracking(task: Task, tuners: Mapping[str, Tuner]) -> plots.Figure:
+def _tracking(task: Task, tuners: Mapping[str, Tuner]) -> Figure:
     """Fig. 8: the same vehicle and manoeuvre for every method."""
     context = Context.of(*FIGURE_8, task.prior.v_x[0])
     judge = Judge.of(task, context)

@@ -1,0 +1,188 @@
+"""What `tuners.rl` needs while it trains: Stable-Baselines3's models and their actors."""
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from stable_baselines3 import PPO, SAC, TD3
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+from tuners.feature_map import FeatureMap, compressor
+from tuners.rl import Actor, Progress, RLTuner, Training
+from tuners.sb3_adapter import Sb3VecEnv
+from tuners.wrappers import FEATURES_ID
+from yawrate_env.env import PITuningEnv
+
+CLASSES: dict[str, type[BaseAlgorithm]] = {"sac": SAC, "ppo": PPO, "td3": TD3}
+
+_AVERAGING = 0.995
+"""Weight of the past in the running average of the actor, per batch of episodes."""
+
+
+def hyperparameters(settings: Training) -> dict[str, Any]:
+    """Keyword arguments of the algorithm.
+
+    Episodes have one step, so the discount is of no use; the learning rate falls
+    linearly to zero, because the last tenths of a degree drown in a constant one.
+    """
+    off_policy = {
+        "learning_rate": _falling(1e-3),
+        "buffer_size": settings.episodes,
+        "learning_starts": 32 * settings.num_envs,
+        "batch_size": 256,
+        "train_freq": 1,
+        "gradient_steps": settings.num_envs,
+        "gamma": 0.0,
+        "policy_kwargs": {"net_arch": [64, 64]},
+    }
+    return {
+        "sac": {**off_policy, "target_entropy": -4.0},
+        "td3": {**off_policy, "policy_delay": 2},
+        "ppo": {
+            "learning_rate": _falling(1e-3),
+            "n_steps": 16,
+            "batch_size": 64,
+            "n_epochs": 10,
+            "gamma": 0.0,
+            "gae_lambda": 0.0,
+            "policy_kwargs": {"net_arch": [64, 64], "log_std_init": -1.0},
+        },
+    }[settings.algorithm]
+
+
+class Run:
+    """One training run, in parts.
+
+    Parameters
+    ----------
+    task_kwargs, settings, log, checkpoint
+        As for `tuners.rl.train`.
+    """
+
+    def __init__(
+        self,
+        task_kwargs: dict[str, Any],
+        settings: Training,
+        log: str | None,
+        checkpoint: Path | None,
+    ) -> None:
+        self.settings, self.checkpoint = settings, checkpoint
+        self.task = PITuningEnv(**task_kwargs).task
+        self.env = Sb3VecEnv(
+            gymnasium.make_vec(
+                FEATURES_ID,
+                num_envs=settings.num_envs,
+                compressor=settings.compressor,
+                **task_kwargs,
+            )
+        )
+        self.env.seed(1_000_000 * (settings.seed + 1))
+        algorithm = CLASSES[settings.algorithm]
+        if checkpoint is not None and checkpoint.exists():
+            self.model = algorithm.load(checkpoint, env=self.env, device="cpu")
+            if isinstance(self.model, OffPolicyAlgorithm) and _buffer(checkpoint).exists():
+                self.model.load_replay_buffer(_buffer(checkpoint))
+        else:
+            options = hyperparameters(settings)
+            self.model = algorithm(
+                "MlpPolicy", self.env, seed=settings.seed, tensorboard_log=log, device="cpu",
+                **options,
+            )  # fmt: skip
+
+    def learn(self, at: tuple[int, ...], progress: Progress | None) -> list[tuple[int, RLTuner]]:
+        """Train to the end; the tuners after `at` and all episodes."""
+        follower = _Follower(self, at, progress)
+        left = self.settings.episodes - self.model.num_timesteps
+        if left > 0:
+            self.model.learn(left, callback=follower, reset_num_timesteps=False, log_interval=100)
+        return [*follower.taken, (self.model.num_timesteps, self.tuner(follower.average))]
+
+    def save(self) -> None:
+        """Write the checkpoint, if one is wanted."""
+        if self.checkpoint is None:
+            return
+        self.model.save(self.checkpoint)
+        if isinstance(self.model, OffPolicyAlgorithm):
+            self.model.save_replay_buffer(_buffer(self.checkpoint))
+
+    def tuner(self, average: dict[str, torch.Tensor]) -> RLTuner:
+        """The averaged actor as it is now."""
+        features = FeatureMap.of(self.task, compressor(self.settings.compressor))
+        training = {
+            "algorithm": self.settings.algorithm,
+            "episodes": int(self.model.num_timesteps),
+            "num_envs": self.settings.num_envs,
+            "seed": self.settings.seed,
+        }
+        return RLTuner(self.task, features, _actor(self.model, average), training)
+
+
+class _Follower(BaseCallback):
+    """Averages the actor over the last couple of hundred batches, and takes snapshots."""
+
+    def __init__(self, run: Run, at: tuple[int, ...], progress: Progress | None) -> None:
+        super().__init__()
+        self.run, self.progress = run, progress
+        self.due = sorted(a for a in at if a < run.settings.episodes)
+        self.taken: list[tuple[int, RLTuner]] = []
+        self.average: dict[str, torch.Tensor] = {}
+        self._batches = 0
+
+    def _on_step(self) -> bool:
+        self._batches += 1
+        keep = min(_AVERAGING, max(0.0, 1 - 10 / self._batches))  # the last tenth, early on
+        for name, value in _actor_module(self.model).state_dict().items():
+            old = self.average.get(name, value)
+            self.average[name] = old * keep + value * (1 - keep)
+        while self.due and self.num_timesteps >= self.due[0]:
+            self.taken.append((self.due.pop(0), self.run.tuner(self.average)))
+            self.run.save()
+        if self.progress is not None:
+            whole = self.run.settings.episodes
+            self.progress("training rl", min(self.num_timesteps, whole), whole)
+        return True
+
+    def _on_training_end(self) -> None:
+        self.run.save()
+
+
+def _buffer(checkpoint: Path) -> Path:
+    return checkpoint.with_suffix(".buffer.pkl")
+
+
+def _falling(start: float) -> Any:
+    def rate(remaining: float) -> float:
+        return start * max(remaining, 0.0)
+
+    return rate
+
+
+def _actor_module(model: BaseAlgorithm) -> torch.nn.Module:
+    if isinstance(model, PPO):
+        return model.policy
+    actor: Any = model.policy.actor
+    return actor  # type: ignore[no-any-return]
+
+
+def _actor(model: BaseAlgorithm, state: dict[str, torch.Tensor]) -> Actor:
+    """The deterministic policy's layers, from averaged weights."""
+    if isinstance(model, SAC):
+        prefixes, hidden, squashed = ["latent_pi.", "mu."], "relu", True
+    elif isinstance(model, TD3):
+        prefixes, hidden, squashed = ["mu."], "relu", True
+    else:
+        prefixes, hidden, squashed = ["mlp_extractor.policy_net.", "action_net."], "tanh", False
+    values = state or _actor_module(model).state_dict()
+    names = [n for p in prefixes for n in values if n.startswith(p) and n.endswith("weight")]
+    layers = [
+        tuple(
+            np.asarray(values[n.replace("weight", part)].detach().numpy(), dtype=np.float64)
+            for part in ("weight", "bias")
+        )
+        for n in names
+    ]
+    return Actor([(weight, bias) for weight, bias in layers], hidden, squashed)
