@@ -105,7 +105,9 @@ def test_a_root_of_c_on_the_unit_circle_is_held_inside():
 def test_costs_agree_with_scipy(rate):
     u, y, Ts = reference_data(rate)
     fit = armax(u, y, Ts)
-    by_scipy = [np.mean(errors(theta, u[0], out) ** 2) for theta, out in zip(fit.theta, y)]
+    by_scipy = [
+        np.mean(errors(*data) ** 2) for data in zip(fit.theta, [*u] * len(y), y, strict=True)
+    ]
     # Sums over 10 000 samples in another order.
     np.testing.assert_allclose(fit.cost, by_scipy, rtol=1e-11)
     np.testing.assert_allclose(cost(fit.theta, u, y), by_scipy, rtol=1e-11)

@@ -78,11 +78,11 @@ def test_longer_episodes_tell_more():
     np.testing.assert_allclose(ratio, 0.5**0.5, rtol=0.05)
 
 
-def test_root_mean_square_over_the_prior_is_the_prototypes():
+def test_root_mean_square_over_the_prior_is_near_an_independent_programs():
     spread = cramer_rao(Task(), drawn(300))
     rms = np.sqrt((spread**2).mean(axis=0))
-    # design.md, section 3: 0.0097 deg and 0.00037 Hz over 1500 vehicles, to two digits.
-    np.testing.assert_allclose(rms, [0.0097, 0.00037], rtol=0.05)
+    # A prototype that shares no code found 0.0097 deg and 0.00037 Hz over other vehicles.
+    np.testing.assert_allclose(rms, [0.0097, 0.00037], rtol=0.08)
 
 
 @pytest.mark.slow
@@ -97,7 +97,8 @@ def test_the_gray_box_sits_on_the_bound(context):
     found = Judge.of(task, same)(design.kp, design.Ti).margins
     bound = cramer_rao(task, take(draw, slice(0, 1)))[0]
     assert converged.all()
-    for values, middle, least in zip((found.phase_margin, found.crossover), (60, 1.5), bound):
+    results = (found.phase_margin, 60.0, bound[0]), (found.crossover, 1.5, bound[1])
+    for values, middle, least in results:
         # Standard errors of 800 episodes: 2.5 % of a spread, 3.5 % of it for a mean.
         assert values.std() == pytest.approx(least, rel=4 * 0.025)
         assert abs(values.mean() - middle) < 4 * 0.035 * least

@@ -23,9 +23,9 @@ def trained(X, T, X_val=None, T_val=None, random_state=0, progress=None, **setti
 
 
 def parameters(model):
-    booster = json.loads(model.save_config())["learner"]["gradient_booster"]
-    return {name: float(value) for name, value in booster["tree_train_param"].items()
-            if name in ("eta", "lambda", "max_depth", "max_leaves", "min_child_weight")}  # fmt: skip
+    config = json.loads(model.save_config())["learner"]["gradient_booster"]["tree_train_param"]
+    names = ("eta", "lambda", "max_depth", "max_leaves", "min_child_weight")
+    return {name: float(config[name]) for name in names}
 
 
 @pytest.mark.parametrize("depth, leaves", [(7, 10), (3, 5), (2, 0)])

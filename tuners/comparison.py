@@ -184,12 +184,11 @@ def to_markdown(scores: Sequence[Score], episodes: int) -> str:
                 f"| `{name}` | {s.seed} | {s.phase_margin[0]:.3f} ± {s.phase_margin[1]:.3f} "
                 f"| {s.crossover[0]:.4f} ± {s.crossover[1]:.4f} | {s.unstable} | {s.seconds:.0f} |"
             )
-        pm, fc = (
-            np.median([getattr(s, n) for s in rows], axis=0) for n in ("phase_margin", "crossover")
-        )
+        pm, fc = np.median([[s.phase_margin, s.crossover] for s in rows], axis=0)
+        unstable, seconds = max(s.unstable for s in rows), np.median([s.seconds for s in rows])
         lines.append(
-            f"| **`{name}`** | median | **{pm[0]:.3f} ± {pm[1]:.3f}** | **{fc[0]:.4f} ± {fc[1]:.4f}** "
-            f"| {max(s.unstable for s in rows)} | {np.median([s.seconds for s in rows]):.0f} |"
+            f"| **`{name}`** | median | **{pm[0]:.3f} ± {pm[1]:.3f}** "
+            f"| **{fc[0]:.4f} ± {fc[1]:.4f}** | {unstable} | {seconds:.0f} |"
         )
     return "\n".join(lines) + "\n"
 

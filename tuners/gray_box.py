@@ -10,7 +10,8 @@ simulated side by side for ``LANES`` vehicles.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import cache
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ Array = NDArray[np.float64]
 
 _MAX_STEPS = 40
 _TOLERANCE = 1e-10
+_ROUNDING = 1e-24  # of the output's energy: without noise the cost ends here
 _LARGEST_STEP = 1.0  # in the logarithm: no more than a factor e at a time
 
 
@@ -89,6 +91,7 @@ def identify(vehicle: Vehicle, recording: Recording, start: Context, v_x: Array)
     damping = np.full(count, 1e-6)
     step = np.zeros((count, 2))
     converged, steps = np.zeros(count, dtype=bool), np.zeros(count, dtype=np.int64)
+    rounding = _ROUNDING * np.einsum("bn,bn->b", recording.y, recording.y)
     active = np.arange(count)
     for _ in range(_MAX_STEPS):
         trial = theta[active] + step[active]
@@ -104,7 +107,8 @@ def identify(vehicle: Vehicle, recording: Recording, start: Context, v_x: Array)
         step[active] = _solve_2x2(lifted, slope[active])
         promised = np.einsum("bi,bi->b", step[active], slope[active])
         step[active] = np.clip(step[active], -_LARGEST_STEP, _LARGEST_STEP)
-        done = (promised < _TOLERANCE * best[active]) & (gained < 1e-4 * best[active])
+        done = promised < _TOLERANCE * best[active] + rounding[active]
+        done &= gained < 1e-4 * best[active] + rounding[active]
         converged[active[done]] = normal[active[done]].diagonal(axis1=1, axis2=2).all(axis=1)
         active = active[~done & (damping[active] < 1e8) & np.isfinite(best[active])]
         if not len(active):
@@ -115,7 +119,9 @@ def identify(vehicle: Vehicle, recording: Recording, start: Context, v_x: Array)
 def output_gram(
     vehicle: Vehicle, context: Context, recording: Recording, rows: NDArray[np.intp]
 ) -> Array:
-    """Inner products over an episode of (output error, d y/d log mu_s, d y/d log M_veh).
+    """Inner products over an episode of (error, d y/d log mu_s, d y/d log M_veh).
+
+    The error is the measured minus the simulated output [rad/s].
 
     Parameters
     ----------
@@ -127,7 +133,6 @@ def output_gram(
     Returns
     -------
     (R, 3, 3)
-        Of the simulated minus nothing: the error is measured minus simulated output.
     """
     A, B, C = state_space(vehicle, context)
     by_log = np.stack([context.mu_s, total_mass(vehicle, context)], axis=1)
@@ -141,20 +146,22 @@ def output_gram(
         axis=1,
     )
     gram = np.empty((len(rows), 3, 3))
+    width = LANES if len(rows) > 2 else 1
 
-    def work(i: int, j: int) -> None:
-        lanes = np.minimum(np.arange(i, i + LANES), j - 1)
+    def one_block(i: int, j: int) -> None:
+        lanes = np.minimum(np.arange(i, i + width), j - 1)
         episodes = rows[lanes]
         u = recording.u[episodes] if len(recording.u) > 1 else recording.u
-        matrices = np.zeros(_ROWS * LANES)
-        matrices[: packed.shape[1] * LANES] = packed[lanes].T.ravel()
-        _gram(u, recording.y, episodes, C, matrices)
-        sums = matrices[_SUMS : _SUMS + 6 * LANES].reshape(6, LANES)[:, : j - i]
+        work = np.zeros((_ROWS, width))
+        work[: packed.shape[1]] = packed[lanes].T
+        work[_OUTPUT:_STATE] = C[:, None]
+        _gram(width)(u, recording.y, episodes, work.reshape(-1))
+        sums = work[_SUMS:, : j - i]
         upper = np.triu_indices(3)
         gram[i:j, upper[0], upper[1]] = sums.T
         gram[i:j, upper[1], upper[0]] = sums.T
 
-    over_blocks(work, len(rows), LANES)
+    over_blocks(one_block, len(rows), width)
     return gram
 
 
@@ -175,58 +182,68 @@ def _solve_2x2(H: Array, g: Array) -> Array:
     )
 
 
-# Rows of the flat workspace, LANES numbers each: A and its two derivatives, B and its
-# two, the state and its two sensitivities now and next, and the six sums.
+# The flat workspace, in rows of one number a lane: A and its two derivatives, B and its
+# two, C, the state and its two sensitivities now and next, the sample's command and
+# measurement, and the six sums.  With one array the compiler sees that nothing overlaps
+# and vectorises over the lanes.
 _N = N_STATES
-_MATRIX = _N * _N * LANES
-_VECTOR = _N * LANES
+_MATRIX = _N * _N
 _INPUT = 3 * _MATRIX
-_STATE = _INPUT + 3 * _VECTOR
-_NEXT = _STATE + 3 * _VECTOR
-_SUMS = _NEXT + 3 * _VECTOR
-_ROWS = _SUMS // LANES + 6
+_OUTPUT = _INPUT + 3 * _N
+_STATE = _OUTPUT + _N
+_NEXT = _STATE + 3 * _N
+_COMMAND = _NEXT + 3 * _N
+_MEASURED = _COMMAND + 1
+_SUMS = _MEASURED + 1
+_ROWS = _SUMS + 6
 
 
-@kernel
-def _gram(
-    u: NDArray[np.float64],
-    y: NDArray[np.float64],
-    episodes: NDArray[np.int64],
-    C: NDArray[np.float64],
-    work: NDArray[np.float64],
-) -> None:
-    error = np.empty(LANES)
-    command = np.empty(LANES)
-    for k in range(y.shape[1]):
-        for lane in range(LANES):
-            error[lane] = y[episodes[lane], k]
-            command[lane] = u[min(lane, len(u) - 1), k]
-        for lane in range(LANES):
-            e, s1, s2 = error[lane], 0.0, 0.0
-            for j in range(_N):
-                e -= C[j] * work[_STATE + j * LANES + lane]
-                s1 += C[j] * work[_STATE + _VECTOR + j * LANES + lane]
-                s2 += C[j] * work[_STATE + 2 * _VECTOR + j * LANES + lane]
-            work[_SUMS + lane] += e * e
-            work[_SUMS + LANES + lane] += e * s1
-            work[_SUMS + 2 * LANES + lane] += e * s2
-            work[_SUMS + 3 * LANES + lane] += s1 * s1
-            work[_SUMS + 4 * LANES + lane] += s1 * s2
-            work[_SUMS + 5 * LANES + lane] += s2 * s2
-            for i in range(_N):
-                x = work[_INPUT + i * LANES + lane] * command[lane]
-                t1 = work[_INPUT + _VECTOR + i * LANES + lane] * command[lane]
-                t2 = work[_INPUT + 2 * _VECTOR + i * LANES + lane] * command[lane]
+@cache
+def _gram(lanes: int) -> Any:
+    """Compile for a number of lanes; one lane serves a single episode four times faster."""
+
+    @kernel
+    def gram(
+        u: NDArray[np.float64],
+        y: NDArray[np.float64],
+        episodes: NDArray[np.int64],
+        work: NDArray[np.float64],
+    ) -> None:
+        for k in range(y.shape[1]):
+            for lane in range(lanes):
+                work[_MEASURED * lanes + lane] = y[episodes[lane], k]
+                work[_COMMAND * lanes + lane] = u[min(lane, len(u) - 1), k]
+            for lane in range(lanes):
+                e, s1, s2 = work[_MEASURED * lanes + lane], 0.0, 0.0
                 for j in range(_N):
-                    a = work[(i * _N + j) * LANES + lane]
-                    d1 = work[_MATRIX + (i * _N + j) * LANES + lane]
-                    d2 = work[2 * _MATRIX + (i * _N + j) * LANES + lane]
-                    x_j = work[_STATE + j * LANES + lane]
-                    x += a * x_j
-                    t1 += a * work[_STATE + _VECTOR + j * LANES + lane] + d1 * x_j
-                    t2 += a * work[_STATE + 2 * _VECTOR + j * LANES + lane] + d2 * x_j
-                work[_NEXT + i * LANES + lane] = x
-                work[_NEXT + _VECTOR + i * LANES + lane] = t1
-                work[_NEXT + 2 * _VECTOR + i * LANES + lane] = t2
-        for i in range(3 * _VECTOR):
-            work[_STATE + i] = work[_NEXT + i]
+                    c = work[(_OUTPUT + j) * lanes + lane]
+                    e -= c * work[(_STATE + j) * lanes + lane]
+                    s1 += c * work[(_STATE + _N + j) * lanes + lane]
+                    s2 += c * work[(_STATE + 2 * _N + j) * lanes + lane]
+                work[_SUMS * lanes + lane] += e * e
+                work[(_SUMS + 1) * lanes + lane] += e * s1
+                work[(_SUMS + 2) * lanes + lane] += e * s2
+                work[(_SUMS + 3) * lanes + lane] += s1 * s1
+                work[(_SUMS + 4) * lanes + lane] += s1 * s2
+                work[(_SUMS + 5) * lanes + lane] += s2 * s2
+            for i in range(_N):  # outside the lanes: the unrolled sums stay small enough
+                for lane in range(lanes):
+                    command = work[_COMMAND * lanes + lane]
+                    x = work[(_INPUT + i) * lanes + lane] * command
+                    t1 = work[(_INPUT + _N + i) * lanes + lane] * command
+                    t2 = work[(_INPUT + 2 * _N + i) * lanes + lane] * command
+                    for j in range(_N):
+                        a = work[(i * _N + j) * lanes + lane]
+                        d1 = work[(_MATRIX + i * _N + j) * lanes + lane]
+                        d2 = work[(2 * _MATRIX + i * _N + j) * lanes + lane]
+                        x_j = work[(_STATE + j) * lanes + lane]
+                        x += a * x_j
+                        t1 += a * work[(_STATE + _N + j) * lanes + lane] + d1 * x_j
+                        t2 += a * work[(_STATE + 2 * _N + j) * lanes + lane] + d2 * x_j
+                    work[(_NEXT + i) * lanes + lane] = x
+                    work[(_NEXT + _N + i) * lanes + lane] = t1
+                    work[(_NEXT + 2 * _N + i) * lanes + lane] = t2
+            for i in range(3 * _N * lanes):
+                work[_STATE * lanes + i] = work[_NEXT * lanes + i]
+
+    return gram

@@ -96,7 +96,7 @@ def draw_figures(
     shown = {name: found[name] for name in SHOWN}
     oracle = found["oracle"]
     percent = {name: row(e, task)["rms_percent"] for name, e in shown.items()}
-    pictures = {
+    pictures: dict[str, Callable[[], Figure]] = {
         "fig4": lambda: _identification(task, seed),
         "fig5": lambda: plots.regression(
             oracle.kp,
@@ -128,8 +128,8 @@ def _identification(task: Task, seed: int) -> Figure:
     stage = Armax()
     slow_u, slow_y = stage.averaged(u, task.experiment.Ts), stage.averaged(y, task.experiment.Ts)
     model = simulated(armax(slow_u, slow_y, stage.Ts).theta, slow_u)
-    time = np.arange(task.experiment.N) * task.experiment.Ts
-    middle = (np.arange(slow_y.shape[1]) + 0.5) * stage.Ts - task.experiment.Ts / 2
+    time = task.experiment.Ts * np.arange(task.experiment.N, dtype=np.float64)
+    middle = stage.Ts * (np.arange(slow_y.shape[1], dtype=np.float64) + 0.5)
     measured = np.asarray(y[0], dtype=np.float64)
     return plots.identification(time, clean[0], measured, middle, model[0], u[0])
 

@@ -56,48 +56,57 @@ def simulate_into(
     """`simulate` plants ``start`` to ``stop``, at most ``LANES`` of them, into `y`."""
     rows = np.minimum(np.arange(start, start + LANES), stop - 1)
     own_input = rows if len(u) > 1 else np.zeros_like(rows)
-    _recursion(plant.B.shape[1])(
-        np.ascontiguousarray(np.moveaxis(plant.A[rows], 0, -1)),
-        np.ascontiguousarray(plant.B[rows].T),
-        plant.C,
-        np.ascontiguousarray(x0[rows].T),
-        u,
-        own_input,
-        y,
+    n = plant.B.shape[1]
+    work = np.concatenate(
+        [
+            plant.A[rows].reshape(LANES, -1),
+            plant.B[rows],
+            np.broadcast_to(plant.C, (LANES, n)),
+            x0[rows],
+            np.zeros((LANES, n + 1)),
+        ],
+        axis=1,
     )
+    _recursion(n)(np.ascontiguousarray(work.T).reshape(-1), u, own_input, y)
 
 
 @cache
 def _recursion(n: int) -> Any:
-    """Compile the recursion for order `n`, known to the compiler so that it unrolls the sums."""
+    """Compile for order `n`, known to the compiler so that it unrolls the sums.
+
+    The workspace holds rows of one number a lane: A, B, C, the state now and next, and
+    the input.  One flat array lets the compiler see that nothing overlaps.
+    """
+    INPUT, OUTPUT, STATE, NEXT, COMMAND = (
+        row * LANES for row in (n * n, n * n + n, n * n + 2 * n, n * n + 3 * n, n * n + 4 * n)
+    )
 
     @kernel
     def recursion(
-        A: NDArray[np.float64],
-        B: NDArray[np.float64],
-        C: NDArray[np.float64],
-        x: NDArray[np.float64],
+        work: NDArray[np.float64],
         u: NDArray[np.float64],
         own_input: NDArray[np.int64],
         y: NDArray[np.float64],
     ) -> None:
-        following = np.empty((n, LANES))
-        u_k, y_k = np.empty(LANES), np.empty(LANES)
+        outputs = np.empty(LANES)
         for k in range(u.shape[1]):
             for lane in range(LANES):
-                u_k[lane] = u[own_input[lane], k]
+                work[COMMAND + lane] = u[own_input[lane], k]
             for lane in range(LANES):
-                output = 0.0
+                total = 0.0
                 for j in range(n):
-                    output += C[j] * x[j, lane]
-                y_k[lane] = output
-                for i in range(n):
-                    total = B[i, lane] * u_k[lane]
+                    total += work[OUTPUT + j * LANES + lane] * work[STATE + j * LANES + lane]
+                outputs[lane] = total
+            for i in range(n):
+                for lane in range(LANES):
+                    total = work[INPUT + i * LANES + lane] * work[COMMAND + lane]
                     for j in range(n):
-                        total += A[i, j, lane] * x[j, lane]
-                    following[i, lane] = total
-            x[:] = following
+                        a = work[(i * n + j) * LANES + lane]
+                        total += a * work[STATE + j * LANES + lane]
+                    work[NEXT + i * LANES + lane] = total
+            for i in range(n * LANES):
+                work[STATE + i] = work[NEXT + i]
             for lane in range(len(y)):
-                y[lane, k] = y_k[lane]
+                y[lane, k] = outputs[lane]
 
     return recursion
