@@ -1,12 +1,13 @@
 """Give tuners the same episodes and write what their gains do, one row an episode and tuner.
 
 python scripts/evaluate.py --tuner ts-ff --tuner gb --episodes 100 --seed 1 --out rows.csv
+python scripts/evaluate.py --tuner ts-ff --policy my.agent:make --sb3 model.zip --out rows.csv
 """
 
 import argparse
 
 import tuners
-from tuners import arguments
+from tuners import arguments, policies
 from tuners.evaluation import evaluate, write_csv
 from tuners.progress import Bars
 from tuners.table import row, to_markdown
@@ -18,9 +19,10 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument(
-        "--tuner", action="append", required=True, metavar="NAME",
+        "--tuner", action="append", default=[], metavar="NAME",
         help=f"a .tuner file or one of {', '.join(tuners.NAMES)}; may be repeated",
     )  # fmt: skip
+    policies.add_arguments(parser)
     parser.add_argument("--episodes", type=arguments.whole, default=1500, help="default 1500")
     parser.add_argument("--seed", type=arguments.seed, default=0, help="default 0")
     parser.add_argument("--out", type=arguments.output, required=True, help="CSV file to write")
@@ -34,10 +36,13 @@ def main() -> None:
         help='conditions of the environment, e.g. \'{"snr_db": 20}\'',
     )  # fmt: skip
     args = parser.parse_args()
+    if not (args.tuner or args.policy or args.sb3):
+        parser.error("nothing to evaluate: give --tuner, --policy or --sb3")
     task = arguments.task(args.env_kwargs)
+    players = policies.chosen(args.policy, args.sb3, args.algo, args.env_kwargs)
     with Bars() as bars:
         found = evaluate(
-            {name: tuners.load(name) for name in args.tuner},
+            {**{name: tuners.load(name) for name in args.tuner}, **players},
             task,
             context_set(args.context),
             episodes=args.episodes,

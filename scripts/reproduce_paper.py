@@ -6,7 +6,7 @@ python scripts/reproduce_paper.py            # results/ and figures/, about two 
 import argparse
 from pathlib import Path
 
-from tuners import arguments, paper
+from tuners import arguments, paper, readme
 from tuners.progress import Bars
 
 
@@ -20,9 +20,13 @@ def main() -> None:
     parser.add_argument("--seed", type=arguments.seed, default=0, help="default 0")
     parser.add_argument("--results", type=Path, default=Path("results"), help="folder for tables")
     parser.add_argument("--figures", type=Path, default=Path("figures"), help="folder for pictures")
+    parser.add_argument("--readme", type=Path, help="file whose table is brought up to date")
     args = parser.parse_args()
     with Bars() as bars:
-        print(paper.reproduce(args.episodes, args.seed, args.results, args.figures, bars))
+        table = paper.reproduce(args.episodes, args.seed, args.results, args.figures, bars)
+    if args.readme:
+        readme.update(args.readme, args.results / "table3.md")
+    print(table)
 
 
 if __name__ == "__main__":

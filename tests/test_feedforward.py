@@ -131,6 +131,15 @@ def test_every_step_lowers_the_training_error():
     assert (np.diff(errors) < 0).all()
 
 
+def test_training_ends_where_nothing_is_left_to_gain():
+    X, _ = toy(50, 0)
+    T = np.ones((50, 2))  # scaled to zero: no output weights at all fit exactly
+    epochs = []
+    net = trained(X, T, X, T, progress=lambda done, of: epochs.append(done))
+    assert epochs[-1] < 100
+    np.testing.assert_allclose(net(X), T, atol=1e-6)
+
+
 def test_the_random_state_decides_everything():
     data = (*toy(50, 0), *toy(50, 1))
     one, same, other = (trained(*data, random_state=seed, epochs=10) for seed in (3, 3, 4))

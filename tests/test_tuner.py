@@ -258,7 +258,13 @@ def test_the_oracle_refuses_what_does_not_show_the_vehicle():
             attempt()
 
 
-@pytest.mark.parametrize("name", tuners.NAMES)
+SLOW_TO_PACK = ("ts-gbm-gains", "ts-gbm-lag")  # seconds each
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if n in SLOW_TO_PACK else n for n in tuners.NAMES],
+)
 def test_saving_and_loading_changes_nothing(name, tmp_path):
     tuner = tuners.load(name)
     tuner.save(tmp_path / "copy.tuner")

@@ -1,10 +1,9 @@
 """One-shot controller tuners: a recorded episode in, PI gains out.
 
 ``tuners.load(name)`` gives one ready to use; ``tune(u, y, Ts)`` answers for one recording,
-``predict(obs)`` acts as a policy in ``yawrate/PITuning-v0``.
+``predict(obs)`` acts as a policy in ``yawrate/PITuning-v0``.  What the import registers is
+in `yawrate_env`.
 """
-
-from gymnasium.envs.registration import register, registry
 
 from tuners.catalogue import NAMES, RECIPES, load, train
 from tuners.model_file import ModelFileError
@@ -24,10 +23,3 @@ __all__ = [
     "load",
     "train",
 ]
-
-if "yawrate/PITuningFeatures-v0" not in registry:
-    register(
-        id="yawrate/PITuningFeatures-v0",
-        entry_point="tuners.wrappers:features_env",
-        vector_entry_point="tuners.wrappers:features_vector_env",
-    )

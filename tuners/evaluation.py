@@ -1,4 +1,4 @@
-"""The same episodes to every tuner, one judge, one row an episode and tuner."""
+"""The same episodes to every tuner or policy, one judge, one row an episode and tuner."""
 
 import csv
 import io
@@ -6,12 +6,12 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tuners.recording import Recording
-from tuners.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.batch import concatenate
 from yawrate_env.contexts import ContextSet
@@ -39,6 +39,14 @@ COLUMNS = (
 )
 
 _CHUNK = 256
+
+
+class Policy(Protocol):
+    """Whatever answers recordings with gains: every tuner, and what `tuners.policies` makes."""
+
+    def act(self, recording: Recording) -> Array:
+        """(B, 2) of (kp, Ti) for B episodes."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +80,7 @@ class Evaluation:
 
 
 def evaluate(
-    tuners: Mapping[str, Tuner],
+    tuners: Mapping[str, Policy],
     task: Task,
     contexts: ContextSet,
     *,
@@ -120,7 +128,7 @@ def write_csv(path: str | os.PathLike[str], evaluations: Sequence[Evaluation]) -
 
 
 def _part(
-    name: str, tuner: Tuner, recording: Recording, judge: Judge, batch: int, *, warm: bool
+    name: str, tuner: Policy, recording: Recording, judge: Judge, batch: int, *, warm: bool
 ) -> Evaluation:
     count = len(recording)
     if not warm:

@@ -60,14 +60,29 @@ class FeatureMap:
     visible: tuple[str, ...]
 
     @classmethod
-    def of(cls, task: Task, first_stage: Armax | Laguerre, visible: tuple[str, ...] = ()) -> Self:
-        """Standardise over episodes of the ``train`` set; no gains are looked at."""
+    def of(
+        cls,
+        task: Task,
+        first_stage: Armax | Laguerre,
+        visible: tuple[str, ...] = (),
+        decimate: int = 1,
+    ) -> Self:
+        """Standardise over episodes of the ``train`` set; no gains are looked at.
+
+        Coefficients depend on the sampling time, so these episodes are decimated like
+        the ones to come.
+        """
         draw = CONTEXT_SETS["train"].draw(task.prior, 0, 0, _EPISODES)
-        u, y = record(task, draw)
+        u, y = (_decimated(x, decimate) for x in record(task, draw))
         raw = cls(first_stage, np.zeros(1), np.ones(1), visible)
         values, usable = raw.raw(
-            Recording(u, np.asarray(y), task.experiment.Ts, draw.context.v_x, draw.context)
+            Recording(u, y, task.experiment.Ts * decimate, draw.context.v_x, draw.context)
         )
+        if not usable.any():
+            raise ValueError(
+                f"{type(first_stage).__name__} finds no usable features in this task's episodes. "
+                "Record for longer, at a higher snr_db, or use the other compressor."
+            )
         values = values[usable]
         scale = values.std(axis=0)
         return cls(first_stage, values.mean(axis=0), np.where(scale > 0, scale, 1.0), visible)
@@ -97,7 +112,8 @@ class ActionMap:
     """[-1, 1]^2 to loop coordinates and on to gains.
 
     The ranges come from the plants of the prior: the magnitudes that a controller
-    must be able to supply, half an octave to spare, and nearly every phase that a PI has.
+    must be able to supply, half an octave to spare, and most of the phases that a PI has,
+    or nearly all of them where the prior needs them.
 
     Attributes
     ----------
@@ -119,9 +135,11 @@ class ActionMap:
             *(np.linspace(*ends, 3) for ends in (prior.mu_s, prior.M_delta, prior.v_x))
         )
         context = Context.of(*(axis.ravel() for axis in grid))
-        magnitude, _ = required_response(Judge.of(task, context).transfer_function, task.target)
+        plants = Judge.of(task, context).transfer_function
+        magnitude, phase = required_response(plants, task.target)
         spare = 0.5 * np.log(2)
-        phases = np.radians([-75.0, -0.5])
+        steepest = np.clip(np.degrees(phase.min()) - 2.0, -89.0, -75.0)
+        phases = np.radians([steepest, -0.5])
         return cls(
             (float(magnitude.min() - spare), float(phases[0])),
             (float(magnitude.max() + spare), float(phases[1])),
@@ -141,3 +159,12 @@ class ActionMap:
         kp, Ti = gains.T
         values = np.stack(controller.response(kp, Ti, self.target), axis=1)
         return np.asarray(np.clip(2 * (values - low) / (high - low) - 1, -1, 1))
+
+
+def _decimated(x: NDArray[np.floating], count: int) -> Array:
+    """Averages of `count` samples each, as the environment's `decimate` makes them."""
+    if count == 1:
+        return np.asarray(x, dtype=np.float64)
+    kept = x.shape[1] // count
+    blocks = x[:, : kept * count].reshape(len(x), kept, count)
+    return np.asarray(blocks.mean(axis=2, dtype=np.float64))

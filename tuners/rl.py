@@ -7,14 +7,14 @@ neither Stable-Baselines3 nor torch.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.feature_map import ActionMap, FeatureMap, compressor
+from tuners.feature_map import COMPRESSORS, ActionMap, FeatureMap, compressor
 from tuners.recording import Recording
 from tuners.tuner import Tuner, task_from
 from yawrate_env import validation
@@ -69,6 +69,8 @@ class RLTuner(Tuner):
 
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Compress, act, map to gains."""
+        if self.features.visible:
+            recording = replace(recording, v_x=self.speeds(recording))
         features, usable = self.features(recording)
         kp, Ti = self._actions.gains(self.actor(features)).T
         return Design(kp, Ti, np.full(len(kp), int(Status.OK))), usable
@@ -79,6 +81,7 @@ class RLTuner(Tuner):
         return {
             **super().settings(),
             "compressor": {"name": name, **asdict(self.features.compressor)},
+            "visible": list(self.features.visible),
             "hidden": self.actor.hidden,
             "squashed": self.actor.squashed,
             "training": self.training,
@@ -96,9 +99,8 @@ class RLTuner(Tuner):
         """Rebuild from what was saved."""
         depth = sum(name.startswith("weight") for name in arrays)
         layers = [(arrays[f"weight{i}"], arrays[f"bias{i}"]) for i in range(depth)]
-        features = FeatureMap(
-            compressor(**settings["compressor"]), arrays["mean"], arrays["scale"], ()
-        )
+        first_stage, visible = compressor(**settings["compressor"]), settings.get("visible", ())
+        features = FeatureMap(first_stage, arrays["mean"], arrays["scale"], tuple(visible))
         actor = Actor(layers, settings["hidden"], settings["squashed"])
         return cls(task_from(settings), features, actor, settings["training"])
 
@@ -129,6 +131,8 @@ class Training:
 
     def __post_init__(self) -> None:
         validation.one_of("algorithm", self.algorithm, ALGORITHMS)
+        validation.one_of("compressor", self.compressor, tuple(COMPRESSORS))
+        validation.count("num_envs", self.num_envs, at_least=1)
         validation.count("episodes", self.episodes, at_least=self.num_envs)
         validation.count("seed", self.seed, at_least=0)
 
@@ -147,15 +151,16 @@ def train(
     Parameters
     ----------
     task_kwargs : dict
-        Keyword arguments of the environment.
+        Keyword arguments of the environment; ``visible="speed"`` makes the speed a feature.
     at : tuple of int
         Numbers of episodes after which a snapshot is taken; the end always is one.
+        Those that a resumed training already has behind it are left out.
     log : str, optional
         Folder for TensorBoard.
     checkpoint : Path, optional
         Stable-Baselines3 zip written at every snapshot and resumed from if it is there,
-        with the replay buffer beside it.  Such files hold pickles, which can run code:
-        resume from your own only.
+        with the replay buffer and the averaged actor beside it.  Such files hold pickles,
+        which can run code: resume from your own only.
 
     Returns
     -------

@@ -1,5 +1,6 @@
 """What `tuners.rl` needs while it trains: Stable-Baselines3's models and their actors."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,10 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from tuners.feature_map import FeatureMap, compressor
 from tuners.rl import Actor, Progress, RLTuner, Training
 from tuners.sb3_adapter import Sb3VecEnv
-from tuners.wrappers import FEATURES_ID
+from yawrate_env import FEATURES_ID
 from yawrate_env.env import PITuningEnv
+from yawrate_env.files import replacing
+from yawrate_env.interaction import VISIBLE
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"sac": SAC, "ppo": PPO, "td3": TD3}
 
@@ -71,7 +74,15 @@ class Run:
         checkpoint: Path | None,
     ) -> None:
         self.settings, self.checkpoint = settings, checkpoint
-        self.task = PITuningEnv(**task_kwargs).task
+        one = PITuningEnv(**task_kwargs)
+        if one.visible == "context" or one.decimate != 1:
+            raise ValueError(
+                f"visible = {one.visible!r}, decimate = {one.decimate}: a tuner gets whole "
+                "recordings without the truth. Use visible='episode' or 'speed', decimate=1."
+            )
+        self.task = one.task
+        first_stage = compressor(settings.compressor)
+        self.features = FeatureMap.of(one.task, first_stage, VISIBLE[one.visible])
         self.env = Sb3VecEnv(
             gymnasium.make_vec(
                 FEATURES_ID,
@@ -80,18 +91,17 @@ class Run:
                 **task_kwargs,
             )
         )
-        self.env.seed(1_000_000 * (settings.seed + 1))
-        algorithm = CLASSES[settings.algorithm]
+        self.average = _Average()
         if checkpoint is not None and checkpoint.exists():
-            self.model = algorithm.load(checkpoint, env=self.env, device="cpu")
-            if isinstance(self.model, OffPolicyAlgorithm) and _buffer(checkpoint).exists():
-                self.model.load_replay_buffer(_buffer(checkpoint))
+            self.model = self._resumed(checkpoint)
         else:
-            options = hyperparameters(settings)
-            self.model = algorithm(
+            self.model = CLASSES[settings.algorithm](
                 "MlpPolicy", self.env, seed=settings.seed, tensorboard_log=log, device="cpu",
-                **options,
+                **hyperparameters(settings),
             )  # fmt: skip
+        # The model has just seeded the environments with `seed`, `seed + 1`, ..., most of
+        # which the next seed's run would have too, and a resumed run for a second time.
+        self.env.seed(1_000_000 * (settings.seed + 1) + self.model.num_timesteps)
 
     def learn(self, at: tuple[int, ...], progress: Progress | None) -> list[tuple[int, RLTuner]]:
         """Train to the end; the tuners after `at` and all episodes."""
@@ -99,47 +109,77 @@ class Run:
         left = self.settings.episodes - self.model.num_timesteps
         if left > 0:
             self.model.learn(left, callback=follower, reset_num_timesteps=False, log_interval=100)
-        return [*follower.taken, (self.model.num_timesteps, self.tuner(follower.average))]
+        return [*follower.taken, (self.model.num_timesteps, self.tuner())]
 
     def save(self) -> None:
         """Write the checkpoint, if one is wanted."""
         if self.checkpoint is None:
             return
-        self.model.save(self.checkpoint)
+        with replacing(self.checkpoint) as file:
+            self.model.save(file)
+        with replacing(_beside(self.checkpoint, "average.pt")) as file:
+            torch.save((self.average.weights, self.average.batches), file)
         if isinstance(self.model, OffPolicyAlgorithm):
-            self.model.save_replay_buffer(_buffer(self.checkpoint))
+            with replacing(_beside(self.checkpoint, "buffer.pkl")) as file:
+                self.model.save_replay_buffer(file)
 
-    def tuner(self, average: dict[str, torch.Tensor]) -> RLTuner:
+    def _resumed(self, checkpoint: Path) -> BaseAlgorithm:
+        try:
+            model = CLASSES[self.settings.algorithm].load(checkpoint, env=self.env, device="cpu")
+        except Exception as error:  # whatever a foreign zip makes Stable-Baselines3 raise
+            raise ValueError(
+                f"{checkpoint} is no checkpoint of {self.settings.algorithm} on "
+                f"{self.settings.compressor} features ({error}). Resume with the settings that "
+                "it was written with, or name another file."
+            ) from error
+        average, buffer = (_beside(checkpoint, name) for name in ("average.pt", "buffer.pkl"))
+        if average.exists():
+            self.average = _Average(*torch.load(average, weights_only=True))
+        if isinstance(model, OffPolicyAlgorithm) and buffer.exists():
+            model.load_replay_buffer(buffer)
+        return model
+
+    def tuner(self) -> RLTuner:
         """The averaged actor as it is now."""
-        features = FeatureMap.of(self.task, compressor(self.settings.compressor))
         training = {
             "algorithm": self.settings.algorithm,
             "episodes": int(self.model.num_timesteps),
             "num_envs": self.settings.num_envs,
             "seed": self.settings.seed,
         }
-        return RLTuner(self.task, features, _actor(self.model, average), training)
+        actor = _actor(self.model, self.average.weights)
+        return RLTuner(self.task, self.features, actor, training)
+
+
+@dataclass
+class _Average:
+    """The actor's weights, averaged over the last couple of hundred batches."""
+
+    weights: dict[str, torch.Tensor] = field(default_factory=dict)
+    batches: int = 0
+
+    def update(self, module: torch.nn.Module) -> None:
+        self.batches += 1
+        keep = min(_AVERAGING, max(0.0, 1 - 10 / self.batches))  # the last tenth, early on
+        for name, value in module.state_dict().items():
+            old = self.weights.get(name, value)
+            self.weights[name] = old * keep + value * (1 - keep)
 
 
 class _Follower(BaseCallback):
-    """Averages the actor over the last couple of hundred batches, and takes snapshots."""
+    """Averages the actor, takes snapshots and reports progress."""
 
     def __init__(self, run: Run, at: tuple[int, ...], progress: Progress | None) -> None:
         super().__init__()
         self.run, self.progress = run, progress
-        self.due = sorted(a for a in at if a < run.settings.episodes)
+        behind = run.model.num_timesteps
+        self.due = sorted(a for a in at if behind < a < run.settings.episodes)
         self.taken: list[tuple[int, RLTuner]] = []
-        self.average: dict[str, torch.Tensor] = {}
-        self._batches = 0
 
     def _on_step(self) -> bool:
-        self._batches += 1
-        keep = min(_AVERAGING, max(0.0, 1 - 10 / self._batches))  # the last tenth, early on
-        for name, value in _actor_module(self.model).state_dict().items():
-            old = self.average.get(name, value)
-            self.average[name] = old * keep + value * (1 - keep)
+        self.run.average.update(_actor_module(self.model))
         while self.due and self.num_timesteps >= self.due[0]:
-            self.taken.append((self.due.pop(0), self.run.tuner(self.average)))
+            self.taken.append((self.due.pop(0), self.run.tuner()))
             self.run.save()
         if self.progress is not None:
             whole = self.run.settings.episodes
@@ -150,8 +190,8 @@ class _Follower(BaseCallback):
         self.run.save()
 
 
-def _buffer(checkpoint: Path) -> Path:
-    return checkpoint.with_suffix(".buffer.pkl")
+def _beside(checkpoint: Path, suffix: str) -> Path:
+    return checkpoint.with_suffix(f".{suffix}")
 
 
 def _falling(start: float) -> Any:

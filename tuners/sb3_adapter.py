@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -34,8 +35,7 @@ class Sb3VecEnv(VecEnv):
     def reset(self) -> Any:
         """Reset all, with the seeds and options set before."""
         seeds: Any = self._seeds if any(s is not None for s in self._seeds) else None
-        options = self._options[0] if self._options and self._options[0] else None
-        obs, _ = self.env.reset(seed=seeds, options=options)
+        obs, _ = self.env.reset(seed=seeds, options=self._common_options())
         self._reset_seeds()
         self._reset_options()
         return obs
@@ -77,6 +77,15 @@ class Sb3VecEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """Never, in the sense of scalar wrappers."""
         return [False] * len(self._indices(indices))
+
+    def _common_options(self) -> dict[str, Any] | None:
+        first, *others = self._options
+        if not all(data_equivalence(one, first) for one in others):
+            raise ValueError(
+                "set_options got different options for the sub-environments. Give one "
+                "dictionary; its values may be arrays with a number for each."
+            )
+        return first or None
 
     def _indices(self, indices: Any) -> Sequence[int]:
         return list(self._get_indices(indices))

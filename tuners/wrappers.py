@@ -17,12 +17,8 @@ from numpy.typing import NDArray
 from tuners.feature_map import LIMIT, ActionMap, FeatureMap, compressor
 from tuners.recording import Recording
 from yawrate_env.env import PITuningEnv
-from yawrate_env.interaction import VISIBLE
+from yawrate_env.interaction import VISIBLE, checked_actions
 from yawrate_env.vector_env import PITuningVectorEnv
-
-FEATURES_ID = "yawrate/PITuningFeatures-v0"
-
-_UNIT = Box(-1.0, 1.0, (2,), dtype=np.float32)
 
 
 class _ObservationFeatures:
@@ -31,7 +27,9 @@ class _ObservationFeatures:
     def __init__(self, env: Any, name: str, settings: dict[str, Any]) -> None:
         base = env.unwrapped
         self.Ts = base.task.experiment.Ts * base.decimate
-        self.map = FeatureMap.of(base.task, compressor(name, **settings), VISIBLE[base.visible])
+        self.map = FeatureMap.of(
+            base.task, compressor(name, **settings), VISIBLE[base.visible], base.decimate
+        )
         n = len(self.map.mean)
         self.space = Box(-LIMIT, LIMIT, (n,), dtype=np.float32)
 
@@ -57,9 +55,9 @@ class Compressed(gymnasium.ObservationWrapper, gymnasium.utils.RecordConstructor
     def __init__(
         self, env: gymnasium.Env[Any, Any], compressor: str = "laguerre", **settings: Any
     ) -> None:
+        _require(env, PITuningEnv, "observation_space")
         gymnasium.utils.RecordConstructorArgs.__init__(self, compressor=compressor, **settings)
         gymnasium.ObservationWrapper.__init__(self, env)
-        _require(env, PITuningEnv)
         self._features = _ObservationFeatures(env, compressor, settings)
         self.observation_space = self._features.space
 
@@ -72,15 +70,15 @@ class LoopAction(gymnasium.ActionWrapper, gymnasium.utils.RecordConstructorArgs)
     """Take actions in [-1, 1], the controller's log magnitude and phase at the crossover."""
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
+        _require(env, PITuningEnv, "action_space")
         gymnasium.utils.RecordConstructorArgs.__init__(self)
         gymnasium.ActionWrapper.__init__(self, env)
-        _require(env, PITuningEnv)
         self.map = ActionMap.of(_task(env))
-        self.action_space = _UNIT
+        self.action_space = _unit_box()
 
     def action(self, action: NDArray[np.float32]) -> NDArray[np.float64]:
         """One action to (kp, Ti)."""
-        return np.asarray(self.map.gains(np.asarray(action)[None])[0])
+        return np.asarray(self.map.gains(checked_actions(np.asarray(action)[None], 1))[0])
 
 
 class CompressedVector(VectorWrapper[Any, Any, Any, Any, Any]):
@@ -89,8 +87,8 @@ class CompressedVector(VectorWrapper[Any, Any, Any, Any, Any]):
     def __init__(
         self, env: VectorEnv[Any, Any, Any], compressor: str = "laguerre", **settings: Any
     ) -> None:
+        _require(env, PITuningVectorEnv, "single_observation_space")
         super().__init__(env)
-        _require(env, PITuningVectorEnv)
         self._features = _ObservationFeatures(env, compressor, settings)
         self.single_observation_space = self._features.space
         self.observation_space = batch_space(self._features.space, env.num_envs)
@@ -116,15 +114,15 @@ class LoopActionVector(VectorWrapper[Any, Any, Any, Any, Any]):
     """`LoopAction` for the native batch environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
+        _require(env, PITuningVectorEnv, "single_action_space")
         super().__init__(env)
-        _require(env, PITuningVectorEnv)
         self.map = ActionMap.of(_task(env))
-        self.single_action_space = _UNIT
-        self.action_space = batch_space(_UNIT, env.num_envs)
+        self.single_action_space = _unit_box()
+        self.action_space = batch_space(self.single_action_space, env.num_envs)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Map the actions to gains and step."""
-        return self.env.step(self.map.gains(actions))
+        return self.env.step(self.map.gains(checked_actions(actions, self.num_envs)))
 
 
 def features_env(compressor: str = "laguerre", **kwargs: Any) -> gymnasium.Env[Any, Any]:
@@ -139,13 +137,19 @@ def features_vector_env(
     return LoopActionVector(CompressedVector(PITuningVectorEnv(num_envs, **kwargs), compressor))
 
 
-def _require(env: Any, kind: type) -> None:
-    if not isinstance(env.unwrapped, kind):
-        form = "gymnasium.make" if kind is PITuningEnv else "gymnasium.make_vec"
-        raise ValueError(
-            f"{type(env.unwrapped).__name__} cannot be wrapped here. "
-            f'Wrap what {form}("yawrate/PITuning-v0") gives.'
-        )
+def _unit_box() -> Box:
+    return Box(-1.0, 1.0, (2,), dtype=np.float32)
+
+
+def _require(env: Any, kind: type, space: str) -> None:
+    """Refuse what is not the environment, and a `space` that is not the environment's own."""
+    base = getattr(env, "unwrapped", env)
+    form = "gymnasium.make" if kind is PITuningEnv else "gymnasium.make_vec"
+    remedy = f'Wrap what {form}("yawrate/PITuning-v0") gives.'
+    if not isinstance(base, kind):
+        raise ValueError(f"{type(base).__name__} cannot be wrapped here. {remedy}")
+    if getattr(env, space) != getattr(base, space):
+        raise ValueError(f"Another wrapper has changed the {space} already. {remedy}")
 
 
 def _task(env: Any) -> Any:

@@ -1,7 +1,8 @@
 """Tune a yaw-rate controller from one recorded episode: a Gymnasium environment.
 
-``import yawrate_env`` registers ``yawrate/PITuning-v0``.  Modules are imported where
-they are used, so that the import itself stays light.
+``import yawrate_env`` registers ``yawrate/PITuning-v0`` and, ready to train on,
+``yawrate/PITuningFeatures-v0``, whose wrappers are in `tuners`.  Modules are imported
+where they are used, so that the import itself stays light.
 """
 
 from gymnasium.envs.registration import register, registry
@@ -9,10 +10,18 @@ from gymnasium.envs.registration import register, registry
 __version__ = "0.1.0"
 
 ENV_ID = "yawrate/PITuning-v0"
+FEATURES_ID = "yawrate/PITuningFeatures-v0"
 
 if ENV_ID not in registry:
     register(
         id=ENV_ID,
         entry_point="yawrate_env.env:PITuningEnv",
         vector_entry_point="yawrate_env.vector_env:PITuningVectorEnv",
+    )
+
+if FEATURES_ID not in registry:
+    register(
+        id=FEATURES_ID,
+        entry_point="tuners.wrappers:features_env",
+        vector_entry_point="tuners.wrappers:features_vector_env",
     )

@@ -1,0 +1,44 @@
+"""Score every tuner under the evaluation protocol: results/README.md and scoreboard.json.
+
+python scripts/make_results.py
+python scripts/make_results.py --policy my_agent:Fixed --results mine   # yours among them
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import tuners
+from tuners import arguments, policies, results_page, scoreboard
+from tuners.progress import Bars
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument(
+        "--tuner", action="append", default=[], metavar="FILE",
+        help="a .tuner file beside the tuners that the package ships; may be repeated",
+    )  # fmt: skip
+    policies.add_arguments(parser)
+    parser.add_argument(
+        "--episodes", type=arguments.whole, default=scoreboard.PROTOCOL.episodes,
+        help="of each context set; other than the default %(default)s it is a trial",
+    )  # fmt: skip
+    parser.add_argument("--results", type=Path, default=Path("results"), help="folder to write to")
+    args = parser.parse_args()
+    players: dict[str, scoreboard.Policy] = {
+        **scoreboard.available(),
+        **{name: tuners.load(name) for name in args.tuner},
+        **policies.chosen(args.policy, args.sb3, args.algo, {}),
+    }
+    protocol = replace(scoreboard.PROTOCOL, episodes=args.episodes)
+    with Bars() as bars:
+        board = scoreboard.run(players, protocol, bars)
+    results_page.write(board, protocol, args.results)
+    print(results_page.table([r for r in board if r.context_set == protocol.context_sets[0]]))
+
+
+if __name__ == "__main__":
+    arguments.run(main)

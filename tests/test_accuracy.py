@@ -1,0 +1,36 @@
+"""The accuracy that the shipped tuners promise, on the paper's number of test episodes."""
+
+import numpy as np
+import pytest
+
+import tuners
+from tuners.evaluation import evaluate
+from yawrate_env.contexts import CONTEXT_SETS
+from yawrate_env.task import Task
+
+# Standard deviation of phase margin [deg] and crossover [Hz], and how far the mean of the
+# phase margin may lie from 60 deg; that of the crossover lies within 0.005 Hz of 1.5.
+PROMISED = {
+    "gb": (0.012, 0.0005, 0.05),
+    "ts-ff": (0.12, 0.003, 0.05),
+    "ts-gbm": (0.69, 0.020, 0.1),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PROMISED)
+def test_promised_accuracy_on_the_test_set(name):
+    (found,) = evaluate(
+        {name: tuners.load(name)},
+        Task(),
+        CONTEXT_SETS["test"],
+        episodes=1500,
+        seed=0,
+        batch=256,
+    )
+    phase_margin, crossover, mean = PROMISED[name]
+    assert found.stable.all()
+    assert np.std(found.phase_margin) <= phase_margin
+    assert np.std(found.crossover) <= crossover
+    assert abs(np.mean(found.phase_margin) - 60) <= mean
+    assert abs(np.mean(found.crossover) - 1.5) <= 0.005

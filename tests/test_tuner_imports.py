@@ -1,0 +1,56 @@
+"""What importing and using the tuners loads."""
+
+import graphlib
+
+import pytest
+from recordings import ROOT
+from test_imports import imported_names, modules_after
+
+MODULES = sorted((ROOT / "tuners").glob("*.py"))
+LEARNING = {"torch", "xgboost", "stable_baselines3", "sb3_contrib"}
+RECORDED = (
+    "import numpy as np, tuners; from yawrate_env.excitation import prbs; "
+    "u = prbs(10000, 0.001, 0.1, 0.02)[0]; "
+)
+
+
+def test_imports_point_down_only():
+    names = {path.stem for path in MODULES}
+    graph = {}
+    for path in MODULES:
+        parts = [name.split(".") for name in imported_names(path)]
+        graph[path.stem] = {p[1] for p in parts if p[0] == "tuners" and len(p) > 1} & names
+    assert graph["catalogue"] and graph["two_stage"]  # the parser sees the imports
+    order = list(graphlib.TopologicalSorter(graph).static_order())  # raises on a cycle
+    assert order.index("armax") < order.index("two_stage") < order.index("catalogue")
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.stem)
+def test_the_library_knows_no_scripts_and_no_tests(path):
+    roots = {name.split(".")[0] for name in imported_names(path)}
+    assert not roots & {"scripts", "tests", "recordings", "systems", "pytest"}
+
+
+def test_importing_the_tuners_is_light():
+    loaded = modules_after("import tuners")
+    assert {"tuners", "yawrate_env", "numba"} <= loaded
+    # SciPy is not in the list: numba imports it to find its BLAS.
+    assert not loaded & (LEARNING | {"matplotlib", "control", "tqdm", "PIL", "safetensors"})
+
+
+def test_a_network_is_used_without_what_trained_it():
+    loaded = modules_after(RECORDED + "tuners.load('ts-ff').tune(u, u, 0.001)")
+    assert "safetensors" in loaded
+    assert not loaded & (LEARNING | {"matplotlib", "control"})
+
+
+def test_trees_are_used_without_the_others():
+    loaded = modules_after(RECORDED + "tuners.load('ts-gbm').tune(u, u, 0.001)")
+    assert "xgboost" in loaded
+    assert not loaded & (LEARNING - {"xgboost"} | {"matplotlib", "control", "sklearn"})
+
+
+@pytest.mark.parametrize("name", ["gb", "nominal"])
+def test_the_untrained_need_no_learning(name):
+    loaded = modules_after(RECORDED + f"tuners.load({name!r}).tune(u, u, 0.001)")
+    assert not loaded & (LEARNING | {"matplotlib", "control", "safetensors"})
