@@ -17,7 +17,7 @@ STAMP := $(VENV)/.installed
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 .SUFFIXES:
 .DEFAULT_GOAL := help
-.PHONY: help venv test test-fast lint reproduce models clean
+.PHONY: help venv test test-fast lint reproduce results models clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -55,6 +55,12 @@ lint: $(STAMP) ## ruff and mypy, changing nothing
 reproduce: $(STAMP) ## the paper's Table III and figures 4 to 8, made here
 	@echo "==> scripts/reproduce_paper.py"
 	@$(BIN)/python scripts/reproduce_paper.py --readme README.md
+
+results: reproduce ## everything in results/: the paper, five seeds of each agent, the page
+	@echo "==> scripts/compare_rl.py (an hour; trained agents in runs/rl are found again)"
+	@$(BIN)/python scripts/compare_rl.py
+	@echo "==> scripts/make_results.py"
+	@$(BIN)/python scripts/make_results.py
 
 models: $(STAMP) ## retrain the tuners that the package ships
 	@for name in ts-gbm ts-ff ts-gbm-gains ts-ff-gains ts-gbm-lag ts-ff-lag rl; do \

@@ -28,6 +28,7 @@ def main() -> None:
     )  # fmt: skip
     parser.add_argument("--results", type=Path, default=Path("results"), help="folder to write to")
     args = parser.parse_args()
+    args.results.mkdir(parents=True, exist_ok=True)
     players: dict[str, scoreboard.Policy] = {
         **scoreboard.available(),
         **{name: tuners.load(name) for name in args.tuner},

@@ -114,6 +114,20 @@ def test_early_stopping_keeps_the_best_validation_weights():
     assert (np.diff(history) <= 0).all()  # best so far
 
 
+def test_a_recovery_starts_the_count_of_rises_anew():
+    data = (*noisy_toy(60, 0), *noisy_toy(60, 1))
+    recoveries = 0
+    for random_state in range(6):
+        epochs = []
+        trained(*data, random_state, lambda done, of, e=epochs: e.append(done), max_fail=2)
+        best = epochs[-1] - 2
+        nets = [trained(*data, random_state, epochs=k) for k in range(best + 1)]
+        history = [np.mean(((net(data[2]) - data[3]) / net.outputs.half) ** 2) for net in nets]
+        assert history[best] < history[best - 1]
+        recoveries += (np.diff(history) == 0).any()
+    assert recoveries  # the case that the test is about occurred
+
+
 def test_more_patience_trains_for_longer():
     data = (*noisy_toy(60, 0), *noisy_toy(60, 1))
     lengths = []

@@ -9,12 +9,15 @@ written down directly, which is several times faster than automatic differentiat
 PyTorch trains; the trained network is NumPy alone, so that using it does not import torch.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from yawrate_env.compiled import cores
 
 if TYPE_CHECKING:
     import torch
@@ -22,6 +25,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
+_NUMBERS_FOR_THREADS = 50_000
 _LEAST_GRADIENT = 1e-7
 _MU_MAX = 1e10
 
@@ -70,7 +74,8 @@ class FeedForwardSettings:
             nguyen_widrow(X.shape[1], self.neurons, T.shape[1], np.random.default_rng(random_state))
         )
         shape = (X.shape[1], self.neurons, T.shape[1])
-        weights = _train(weights, shape, (x, t), (x_val, t_val), self, progress)
+        with _threads(1 if x.numel() < _NUMBERS_FOR_THREADS else cores()):
+            weights = _train(weights, shape, (x, t), (x_val, t_val), self, progress)
         W1, b1, W2, b2 = (layer.numpy() for layer in _layers(weights, shape))
         return FeedForward(W1, b1, W2, b2, *scaling)
 
@@ -154,6 +159,19 @@ def nguyen_widrow(n: int, neurons: int, outputs: int, rng: np.random.Generator) 
     b1 = magnitude * np.linspace(-1, 1, neurons) * np.sign(W1[:, 0])
     W2 = rng.uniform(-1, 1, (outputs, neurons)) / np.sqrt(neurons)
     return np.concatenate([W1.ravel(), b1, W2.ravel(), np.zeros(outputs)])
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """Let torch use so many threads; small problems are slower with more than one."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def _layers(

@@ -12,8 +12,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from yawrate_env.compiled import cores
+
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
+
+_ROWS_FOR_THREADS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,9 @@ class GBMSettings:
             "lambda": self.reg_lambda,
             "min_child_weight": self.min_child_weight,
             "seed": random_state,
+            # A few thousand rows: threads would wait for each other, and on a busy machine
+            # for everybody else, a hundred times longer than they work.
+            "nthread": 1,
         }
         models = []
         for k in range(T.shape[1]):
@@ -71,6 +78,9 @@ class GBM:
 
     def __call__(self, X: Array) -> Array:
         """Predict (B, 2) targets from (B, n) features."""
+        threads = cores() if len(X) >= _ROWS_FOR_THREADS else 1
+        for model in self.models:
+            model.set_param({"nthread": threads})
         columns = [model.inplace_predict(X) for model in self.models]
         return np.asarray(np.stack(columns, axis=1) * self.scale + self.mean, dtype=np.float64)
 

@@ -16,6 +16,7 @@ import sys
 import zipfile
 from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -261,9 +262,10 @@ def _sight(path: str, space: Any, env: PITuningEnv) -> Callable[[Array], Array]:
         return np.asarray
     if isinstance(space, Box) and len(space.shape) == 1:
         for name in COMPRESSORS:
-            wrapper = Compressed(env, name)
-            if wrapper.observation_space.shape == space.shape:
-                return wrapper.observation
+            with suppress(ValueError):  # the episodes are too short for this one
+                wrapper = Compressed(env, name)
+                if wrapper.observation_space.shape == space.shape:
+                    return wrapper.observation
     raise ValueError(
         f"{path} takes observations of shape {space.shape}, here they are "
         f"{env.observation_space.shape}, or features of yawrate/PITuningFeatures-v0. Give the "

@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from tuners.catalogue import NAMES
-from tuners.scoreboard import PROTOCOL, Estimate, Protocol, Row, to_json
+from tuners.scoreboard import PROTOCOL, Estimate, EvaluationProtocol, Row, to_json
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.files import write_text
 from yawrate_env.task import Prior, Task
@@ -38,7 +40,7 @@ Made by `make results`; edits are overwritten. The same figures for programs:
 | vehicles, set `extrapolation` | {beyond} |
 | controller | PI at {Ts_control:g} s, {delay} |
 | target | phase margin {phase_margin:g}°, crossover {crossover:g} Hz |
-| training | on the `train` set or not at all; no set shares an episode with another |
+| training | not at all, or on other episodes: the `train` set, or the environment's own |
 
 {tables}
 {missing}\
@@ -54,12 +56,13 @@ Made by `make results`; edits are overwritten. The same figures for programs:
 - **rmse**: root mean square of the distance from the target, bias included.
 - **Brackets**: 95 % bootstrap intervals over episodes. They say how well {episodes} episodes
   determine the figure for *this* trained tuner; they do not cover what another training seed
-  would give{seeds}. All tuners are resampled alike, so differences are sharper than two
-  overlapping brackets suggest.
-- **`extrapolation`** asks what happens to a vehicle that training never showed: {beyond}, both
-  outside the prior at once. `nominal` and the learned tuners were made for the prior; `gb` only
-  assumes the equations of motion, `oracle` knows. A tuner that drops much further than `gb` has
-  memorised its training range.
+  would give{seeds}. All tuners get the same episodes, so two may differ for certain though
+  their brackets overlap.
+- **`extrapolation`** asks what happens to vehicles that training never showed, stickier and
+  heavier at once: {beyond}.
+  `nominal` and the learned tuners are made for the prior; `gb` assumes the equations of motion
+  only, and `oracle` knows the vehicle. A tuner that falls far behind `gb` here does not
+  extrapolate: boosted trees, for one, answer as at the edge of what they were shown.
 
 ## Your own policy
 
@@ -90,15 +93,14 @@ _OTHERS = {
 }
 
 
-def write(board: Sequence[Row], protocol: Protocol, folder: Path) -> None:
-    """Write ``README.md`` and ``scoreboard.json``."""
-    folder.mkdir(parents=True, exist_ok=True)
+def write(board: Sequence[Row], protocol: EvaluationProtocol, folder: Path) -> None:
+    """Write ``README.md`` and ``scoreboard.json`` into a folder that exists."""
     others = {name: what for name, what in _OTHERS.items() if (folder / name).exists()}
     write_text(folder / "scoreboard.json", to_json(board, protocol))
     write_text(folder / "README.md", page(board, protocol, others))
 
 
-def page(board: Sequence[Row], protocol: Protocol, others: dict[str, str]) -> str:
+def page(board: Sequence[Row], protocol: EvaluationProtocol, others: dict[str, str]) -> str:
     """Build the whole page; `others` are further files of the folder and what they hold."""
     task = Task()
     e, t = task.experiment, task.target
@@ -113,7 +115,7 @@ def page(board: Sequence[Row], protocol: Protocol, others: dict[str, str]) -> st
         Ts=e.Ts,
         snr=e.snr_db,
         register="the same" if e.register == "same" else "a random",
-        amplitude=round(e.amplitude * 57.29577951308232, 9),
+        amplitude=np.degrees(e.amplitude),
         bit=e.bit_time,
         prior=_vehicles(task.prior, task.prior),
         beyond=_vehicles(beyond, task.prior),
@@ -153,7 +155,7 @@ def _section(board: Sequence[Row], context: str) -> str:
     return f"### Context set `{context}`\n\n{table(chosen)}"
 
 
-def _title(protocol: Protocol) -> str:
+def _title(protocol: EvaluationProtocol) -> str:
     if protocol == PROTOCOL:
         return f"Evaluation protocol {protocol.version}"
     return f"A trial: evaluation protocol {protocol.version} cut to {protocol.episodes} episodes"
@@ -178,5 +180,7 @@ def _fixed(x: Estimate) -> str:
 
 def _short(x: Estimate) -> str:
     """Three digits; what is rounding error shows as 0."""
-    value, low, high = (f"{v if abs(v) > 1e-9 else 0:.3g}" for v in (x.value, x.low, x.high))
+    value, low, high = (
+        "0" if abs(v) < 1e-9 else f"{v:#.3g}".removesuffix(".") for v in (x.value, x.low, x.high)
+    )
     return f"{value} ({low} to {high})"

@@ -163,7 +163,7 @@ class _Average:
         keep = min(_AVERAGING, max(0.0, 1 - 10 / self.batches))  # the last tenth, early on
         for name, value in module.state_dict().items():
             old = self.weights.get(name, value)
-            self.weights[name] = old * keep + value * (1 - keep)
+            self.weights[name] = old + (1 - keep) * (value - old)
 
 
 class _Follower(BaseCallback):

@@ -30,7 +30,7 @@ _BATCH = 256
 
 
 @dataclass(frozen=True, slots=True)
-class Protocol:
+class EvaluationProtocol:
     """What is evaluated on what; anything that moves a figure makes a new version.
 
     Attributes
@@ -49,7 +49,7 @@ class Protocol:
     seed: int = 0
 
 
-PROTOCOL = Protocol()
+PROTOCOL = EvaluationProtocol()
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ def available() -> dict[str, Tuner]:
 
 def run(
     tuners: Mapping[str, Policy],
-    protocol: Protocol = PROTOCOL,
+    protocol: EvaluationProtocol = PROTOCOL,
     progress: Progress | None = None,
 ) -> list[Row]:
     """Evaluate tuners under a protocol; ``nominal`` and ``oracle`` must be among them.
@@ -184,22 +184,28 @@ def learned_from(tuner: Any) -> str:
     training = getattr(tuner, "training", None)
     if not isinstance(training, dict):
         return ""
+    if "algorithm" in training:
+        return f"{training['episodes']} rewards, {training['algorithm']}, seed {training['seed']}"
     if "vehicles" in training:
         draws = training["noise_draws"]
         noise = f" × {draws} noise draws" if draws > 1 else ""
         return f"{training['vehicles']} vehicles{noise}, seed {training['seed']}"
-    return f"{training['episodes']} rewards, {training['algorithm']}, seed {training['seed']}"
+    return ""
 
 
-def to_json(board: Sequence[Row], protocol: Protocol) -> str:
-    """Rows, the protocol and the task that they hold for."""
+def to_json(board: Sequence[Row], protocol: EvaluationProtocol) -> str:
+    """Rows, the protocol and the task that they hold for; ``null`` where undefined."""
     content = {
         "protocol": asdict(protocol),
         "environment": "yawrate/PITuning-v0",
         "task": asdict(Task()),
-        "rows": [asdict(row) for row in board],
+        "rows": [asdict(row, dict_factory=_without_nan) for row in board],
     }
-    return json.dumps(content, indent=1) + "\n"
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
+
+
+def _without_nan(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in items}
 
 
 def _error(values: Array, target: float) -> Estimate:
