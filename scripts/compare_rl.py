@@ -9,7 +9,7 @@ Trained agents are kept in runs/rl and found again; results go to results/ and f
 import argparse
 from pathlib import Path
 
-from tuners import arguments, comparison, plots
+from tuners import arguments, comparison, curve_plots, plots
 from tuners.progress import Bars
 
 AGENTS = ("sac-laguerre", "sac-armax", "td3-laguerre", "ppo-laguerre")
@@ -30,7 +30,7 @@ def main() -> None:
     with Bars() as bars:
         scores = comparison.compare(runs, args.seeds, args.episodes, args.folder, bars)
     comparison.write(scores, args.episodes, args.results)
-    plots.save(plots.learning_curves(scores), args.figures / "rl.png")
+    plots.save(curve_plots.learning_curves(scores), args.figures / "rl.png")
     print(comparison.to_markdown(scores, args.episodes))
 
 

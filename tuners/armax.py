@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.compiled import LANES, kernel, over_blocks
+from yawrate_env.decimation import averaged
 
 PARAMETERS = ("a1", "a2", "b1", "b2", "c1", "c2")
 
@@ -163,10 +164,7 @@ class Armax:
 
     def averaged(self, x: NDArray[np.floating], Ts: float) -> NDArray[np.float64]:
         """Signals (B, N) sampled at `Ts` [s], as block averages at the model's sampling time."""
-        block = round(self.Ts / Ts)
-        kept = x.shape[1] // block
-        blocks = x[:, : kept * block].reshape(len(x), kept, block)
-        return np.asarray(blocks.mean(axis=2, dtype=np.float64))
+        return averaged(x, round(self.Ts / Ts))
 
 
 @kernel

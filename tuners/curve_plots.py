@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from tuners.comparison import Score, curve
-from tuners.plots import STYLE, WIDTH, colour
+from tuners.plots import INK, STYLE, WIDTH, colour
 
 _LINE = 0.065  # height of a name, as a share of the panel's
 
@@ -36,12 +36,12 @@ def learning_curves(scores: Sequence[Score]) -> Figure:
         above.set_ylabel("mean margin error [1 = 10° or 0.25 Hz]")
         below.set_ylabel("standard deviation of phase margin [deg]")
         below.set_xlabel("simulated episodes")
-        title = "agents: interquartile mean and 95 % interval" if seeds > 1 else "agents"
-        above.set_title(
-            f"{title} of {seeds} seed{'s' * (seeds > 1)};  dots: two-stage tuners;  "
-            "dashed: no training (the oracle's errors are 0)",
-            fontsize=STYLE["font.size"] - 1,
-        )
+        many = f"interquartile mean of {seeds} seeds and its 95 % interval"
+        picture.supxlabel(
+            f"Agents: {many if seeds > 1 else 'one seed'}.  Dots: two-stage tuners.  "
+            "Dashed: no training.  The oracle's errors are 0.",
+            fontsize=8, color=INK, x=0.01, ha="left",
+        )  # fmt: skip
         picture.align_ylabels()
     return picture
 

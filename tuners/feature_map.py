@@ -15,6 +15,7 @@ from tuners.laguerre import Laguerre
 from tuners.recording import Recording
 from yawrate_env import controller, validation
 from yawrate_env.contexts import CONTEXT_SETS
+from yawrate_env.decimation import averaged
 from yawrate_env.design import required_response
 from yawrate_env.episode import record
 from yawrate_env.judge import Judge
@@ -73,7 +74,7 @@ class FeatureMap:
         the ones to come.
         """
         draw = CONTEXT_SETS["train"].draw(task.prior, 0, 0, _EPISODES)
-        u, y = (_decimated(x, decimate) for x in record(task, draw))
+        u, y = (averaged(x, decimate) for x in record(task, draw))
         raw = cls(first_stage, np.zeros(1), np.ones(1), visible)
         values, usable = raw.raw(
             Recording(u, y, task.experiment.Ts * decimate, draw.context.v_x, draw.context)
@@ -159,12 +160,3 @@ class ActionMap:
         kp, Ti = gains.T
         values = np.stack(controller.response(kp, Ti, self.target), axis=1)
         return np.asarray(np.clip(2 * (values - low) / (high - low) - 1, -1, 1))
-
-
-def _decimated(x: NDArray[np.floating], count: int) -> Array:
-    """Averages of `count` samples each, as the environment's `decimate` makes them."""
-    if count == 1:
-        return np.asarray(x, dtype=np.float64)
-    kept = x.shape[1] // count
-    blocks = x[:, : kept * count].reshape(len(x), kept, count)
-    return np.asarray(blocks.mean(axis=2, dtype=np.float64))

@@ -29,7 +29,7 @@ from tuners.recording import Recording
 from tuners.wrappers import Compressed, LoopAction
 from yawrate_env import validation
 from yawrate_env.env import PITuningEnv
-from yawrate_env.interaction import VISIBLE, YAW_RATE_RANGE
+from yawrate_env.interaction import show
 
 Array = NDArray[Any]
 
@@ -116,18 +116,7 @@ class Player:
 
 def observations(recording: Recording, env: PITuningEnv) -> NDArray[np.float32]:
     """What `env` shows of recorded episodes, (B, rows, N // decimate) float32."""
-    shown = VISIBLE[env.visible]
-    B, N = recording.y.shape
-    obs = np.empty((B, 2 + len(shown), N), dtype=np.float32)
-    obs[:, 0] = recording.u
-    obs[:, 1] = np.clip(recording.y, -YAW_RATE_RANGE, YAW_RATE_RANGE)
-    for row, name in enumerate(shown, start=2):
-        obs[:, row] = getattr(recording.context, name)[:, None]
-    if env.decimate == 1:
-        return obs
-    kept = N // env.decimate
-    blocks = obs[:, :, : kept * env.decimate].reshape(B, -1, kept, env.decimate)
-    return np.asarray(blocks.mean(axis=3, dtype=np.float64), dtype=np.float32)
+    return show(recording.u, recording.y, recording.context, env.visible, env.decimate)
 
 
 def of_factory(spec: str, env: PITuningEnv) -> Player:

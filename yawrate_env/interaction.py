@@ -11,6 +11,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from yawrate_env import validation
+from yawrate_env.decimation import averaged
 from yawrate_env.episode import Draw, record
 from yawrate_env.judge import Judge, Verdict
 from yawrate_env.task import Experiment, Prior, Target, Task
@@ -110,18 +111,38 @@ def draw(words: NDArray[np.uint64], task: Task, fixed: Mapping[str, NDArray[np.f
 
 def observe(task: Task, drawn: Draw, visible: str, decimate: int) -> NDArray[np.float32]:
     """Record the episodes, (B, rows, N // decimate) float32; decimation averages blocks."""
-    shown = VISIBLE[visible]
-    obs = np.empty((len(drawn), 2 + len(shown), task.experiment.N), dtype=np.float32)
+    rows = 2 + len(VISIBLE[visible])
+    obs = np.empty((len(drawn), rows, task.experiment.N), dtype=np.float32)
     u, _ = record(task, drawn, out=obs[:, 1])
+    return _completed(obs, u, drawn.context, visible, decimate)
+
+
+def show(
+    u: NDArray[np.float64],
+    y: NDArray[np.floating],
+    context: Context | None,
+    visible: str,
+    decimate: int,
+) -> NDArray[np.float32]:
+    """What `observe` would give for episodes already recorded, (1 or B, N) and (B, N)."""
+    obs = np.empty((len(y), 2 + len(VISIBLE[visible]), y.shape[1]), dtype=np.float32)
+    obs[:, 1] = y
+    return _completed(obs, u, context, visible, decimate)
+
+
+def _completed(
+    obs: NDArray[np.float32],
+    u: NDArray[np.float64],
+    context: Context | None,
+    visible: str,
+    decimate: int,
+) -> NDArray[np.float32]:
+    """Fill in what surrounds the yaw rate of row 1, and decimate."""
     obs[:, 0] = u
     np.clip(obs[:, 1], -YAW_RATE_RANGE, YAW_RATE_RANGE, out=obs[:, 1])
-    for row, name in enumerate(shown, start=2):
-        obs[:, row] = getattr(drawn.context, name)[:, None]
-    if decimate == 1:
-        return obs
-    kept = task.experiment.N // decimate
-    blocks = obs[:, :, : kept * decimate].reshape(*obs.shape[:2], kept, decimate)
-    return np.asarray(blocks.mean(axis=3, dtype=np.float64), dtype=np.float32)
+    for row, name in enumerate(VISIBLE[visible], start=2):
+        obs[:, row] = getattr(context, name)[:, None]
+    return obs if decimate == 1 else averaged(obs, decimate).astype(np.float32)
 
 
 def checked_actions(actions: Any, count: int) -> NDArray[np.float64]:
