@@ -42,7 +42,7 @@ def main() -> None:
     players = policies.chosen(args.policy, args.sb3, args.algo, args.env_kwargs)
     with Bars() as bars:
         found = evaluate(
-            {**{name: tuners.load(name) for name in args.tuner}, **players},
+            {**{name: tuners.load(name, task) for name in args.tuner}, **players},
             task,
             context_set(args.context),
             episodes=args.episodes,

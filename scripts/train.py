@@ -19,9 +19,7 @@ def main() -> None:
     parser.add_argument("name", choices=[*tuners.RECIPES, "rl"], help="which tuner")
     parser.add_argument("--episodes", type=arguments.whole, help="default 1500, rl 20000")
     parser.add_argument("--seed", type=arguments.seed, default=0, help="default 0")
-    parser.add_argument(
-        "--out", type=arguments.output, required=True, help="file to write, *.tuner"
-    )
+    parser.add_argument("--out", type=arguments.model, required=True, help="file to write, *.tuner")
     parser.add_argument(
         "--env-kwargs", type=arguments.environment_kwargs, default={}, metavar="JSON",
         help='conditions of the environment, e.g. \'{"v_x": 25}\'',
@@ -43,7 +41,9 @@ def main() -> None:
                 args.algorithm, args.compressor, args.episodes or 20_000, seed=args.seed
             )
             step = max(settings.episodes // 10, 1)
-            (*_, (_, tuner)) = rl.train(
+            from tuners import rl_training
+
+            (*_, (_, tuner)) = rl_training.train(
                 args.env_kwargs,
                 settings,
                 at=tuple(range(step, settings.episodes, step)) if args.checkpoint else (),

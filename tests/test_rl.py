@@ -9,11 +9,11 @@ from recordings import ROOT, observations, recorded
 from test_imports import modules_after
 
 import tuners
-from tuners import rl
+from tuners import rl_training
 from tuners.evaluation import evaluate
 from tuners.feature_map import FeatureMap
 from tuners.laguerre import Laguerre
-from tuners.rl import Actor, RLTuner, Training
+from tuners.rl import ALGORITHMS, Actor, RLTuner, Training
 from tuners.rl_training import Run, _actor, _Average
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.design import Design
@@ -38,7 +38,9 @@ def settings(algorithm="sac", episodes=EPISODES, **others):
 
 
 def trained(algorithm="sac", episodes=EPISODES, kwargs=None, seed=0, **others):
-    return rl.train(SHORT | (kwargs or {}), settings(algorithm, episodes, seed=seed), **others)
+    return rl_training.train(
+        SHORT | (kwargs or {}), settings(algorithm, episodes, seed=seed), **others
+    )
 
 
 def assert_same(a, b):
@@ -64,7 +66,7 @@ def agent():
 # --- training
 
 
-@pytest.mark.parametrize("algorithm", rl.ALGORITHMS)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_training_gives_snapshots_and_the_end(algorithm):
     calls = []
     found = trained(algorithm, at=(536, 160, 16), episodes=560,
@@ -101,7 +103,7 @@ def test_agents_of_other_seeds_see_other_episodes():
     assert len(set(seen)) == 3 * 16
 
 
-@pytest.mark.parametrize("algorithm", rl.ALGORITHMS)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_training_never_reads_the_oracles_gains(algorithm, monkeypatch):
     expected = default(algorithm)
 
@@ -183,7 +185,7 @@ def seeds_of(run):
     return set(run.env.env.unwrapped.np_random_seed)
 
 
-@pytest.mark.parametrize("algorithm", rl.ALGORITHMS)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_a_resumed_training_goes_on_where_it_was(algorithm, tmp_path):
     checkpoint = tmp_path / "checkpoint"  # Stable-Baselines3 would add .zip
     interrupted(algorithm, checkpoint, at=528)
@@ -214,7 +216,7 @@ def test_checkpoints_of_other_settings_are_refused(others, tmp_path):
     checkpoint = tmp_path / "agent.zip"
     trained("sac", episodes=32, checkpoint=checkpoint)
     with pytest.raises(ValueError, match="is no checkpoint of .* Resume with the settings"):
-        rl.train(SHORT, Training(**{"episodes": 64} | others), checkpoint=checkpoint)
+        rl_training.train(SHORT, Training(**{"episodes": 64} | others), checkpoint=checkpoint)
 
 
 def test_other_files_are_no_checkpoints(tmp_path):
@@ -227,7 +229,7 @@ def test_other_files_are_no_checkpoints(tmp_path):
 # --- the actor
 
 
-@pytest.mark.parametrize("algorithm", rl.ALGORITHMS)
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_arrays_act_as_the_model_does(algorithm):
     run = Run(SHORT, settings(algorithm), None, None)
     run.learn((), None)

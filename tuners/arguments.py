@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tuners import model_file
 from yawrate_env.env import PITuningEnv
 from yawrate_env.task import Task
 
@@ -35,6 +36,15 @@ def output(text: str) -> Path:
     if path.is_dir():
         raise argparse.ArgumentTypeError(f"{path} is a folder; name a file")
     return path
+
+
+def model(text: str) -> Path:
+    """A tuner file to write."""
+    if not text.endswith(model_file.SUFFIX):
+        raise argparse.ArgumentTypeError(
+            f"{text} must end in {model_file.SUFFIX} to be loaded again"
+        )
+    return output(text)
 
 
 def environment_kwargs(text: str) -> dict[str, Any]:

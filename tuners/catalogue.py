@@ -117,8 +117,16 @@ def train(
     return TwoStage(task, recipe.compressor, learner, recipe.coordinates, training)
 
 
-def load(name: str | os.PathLike[str]) -> Tuner:
+def load(name: str | os.PathLike[str], task: Task | None = None) -> Tuner:
     """A tuner ready to use: by name, or from a ``.tuner`` file.  Nothing is trained.
+
+    Parameters
+    ----------
+    name : str or path
+        One of `NAMES`, or a file that `Tuner.save` wrote.
+    task : Task, optional
+        What the tuners that need no training shall work for; the trained ones keep
+        the task that they were trained for.
 
     Raises
     ------
@@ -129,7 +137,7 @@ def load(name: str | os.PathLike[str]) -> Tuner:
         return from_file(name)
     validation.one_of("tuner", name, NAMES)
     if str(name) in UNTRAINED:
-        return UNTRAINED[str(name)](Task())
+        return UNTRAINED[str(name)](task or Task())
     return from_file(shipped(str(name)))
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners import rl
+from tuners import rl, rl_training
 from tuners.catalogue import UNTRAINED, from_file
 from tuners.catalogue import train as train_two_stage
 from tuners.evaluation import Evaluation, evaluate
@@ -65,10 +65,15 @@ class Score:
     seconds: float = 0.0
 
 
+def sizes(episodes: int) -> list[int]:
+    """Those of `EPISODES` on the way to `episodes`, and the end."""
+    return [n for n in EPISODES if n < episodes] + [episodes]
+
+
 def agents(
     settings: rl.Training, folder: Path, progress: Progress | None = None
 ) -> dict[int, tuple[Path, float]]:
-    """Train one agent with snapshots at `EPISODES`, or find it already in `folder`.
+    """Train one agent with snapshots at `sizes`, or find it already in `folder`.
 
     Returns
     -------
@@ -78,17 +83,16 @@ def agents(
     folder.mkdir(parents=True, exist_ok=True)
     stem = f"{settings.algorithm}-{settings.compressor}-{settings.seed}"
     clock = folder / f"{stem}.json"
-    sizes = [n for n in EPISODES if n <= settings.episodes]
-    files = {n: folder / f"{stem}-{n}.tuner" for n in sizes}
-    if not clock.exists():
+    files = {n: folder / f"{stem}-{n}.tuner" for n in sizes(settings.episodes)}
+    done = json.loads(clock.read_text()) if clock.exists() else {}
+    if done != {**asdict(settings), "seconds": done.get("seconds")}:  # none, or another length
         start = time.perf_counter()
-        snapshots = rl.train({}, settings, at=tuple(sizes), progress=progress)
-        seconds = time.perf_counter() - start
-        for n, (_, tuner) in zip(sizes, snapshots, strict=True):
-            tuner.save(files[n])
-        write_text(clock, json.dumps({"seconds": seconds, **asdict(settings)}))
-    seconds = json.loads(clock.read_text())["seconds"]
-    return {n: (path, seconds) for n, path in files.items()}
+        snapshots = rl_training.train({}, settings, at=tuple(files), progress=progress)
+        done = {"seconds": time.perf_counter() - start, **asdict(settings)}
+        for path, (_, tuner) in zip(files.values(), snapshots, strict=True):
+            tuner.save(path)
+        write_text(clock, json.dumps(done))
+    return {n: (path, done["seconds"]) for n, path in files.items()}
 
 
 def score(e: Evaluation, task: Task, episodes: int, seed: int, seconds: float = 0.0) -> Score:
@@ -131,7 +135,7 @@ def compare(
     """
     task = Task()
     scores = [score(e, task, 0, 0) for e in test({n: c(task) for n, c in UNTRAINED.items()}, task)]
-    for n in (n for n in EPISODES if n <= episodes):
+    for n in sizes(episodes):
         for name in ("ts-gbm", "ts-ff"):
             tuner = train_two_stage(name, task, episodes=n, progress=progress)
             scores += [score(e, task, n, 0) for e in test({name: tuner}, task)]
@@ -144,19 +148,18 @@ def compare(
     return scores
 
 
-def interquartile_mean(values: NDArray[np.float64]) -> float:
-    """Mean of the middle half of the values, the quartiles' neighbours weighted in part."""
+def interquartile_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of the middle half of (..., n) values, the quartiles' neighbours weighted in part."""
     ordered = np.sort(values)
-    edges = np.linspace(0, 1, len(ordered) + 1)
+    edges = np.linspace(0, 1, ordered.shape[-1] + 1)
     weight = np.clip(np.minimum(edges[1:], 0.75) - np.maximum(edges[:-1], 0.25), 0, None)
-    return float(ordered @ weight / weight.sum())
+    return np.asarray(ordered @ weight / weight.sum())
 
 
 def interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, float]:
-    """95 % bootstrap interval of the interquartile mean over runs."""
-    rng = np.random.default_rng(seed)
-    draws = rng.choice(values, (2000, len(values)))
-    low, high = np.quantile([interquartile_mean(row) for row in draws], [0.025, 0.975])
+    """95 % bootstrap interval of the interquartile mean over (n,) runs."""
+    draws = np.random.default_rng(seed).choice(values, (2000, len(values)))
+    low, high = np.quantile(interquartile_mean(draws), [0.025, 0.975])
     return float(low), float(high)
 
 
@@ -165,7 +168,7 @@ def curve(scores: Sequence[Score], name: str, value: Callable[[Score], float]) -
     found = {}
     for n in sorted({s.episodes for s in scores if s.name == name}):
         values = np.array([value(s) for s in scores if s.name == name and s.episodes == n])
-        found[n] = (interquartile_mean(values), *interval(values))
+        found[n] = (float(interquartile_mean(values)), *interval(values))
     return found
 
 
@@ -176,7 +179,7 @@ def to_markdown(scores: Sequence[Score], episodes: int) -> str:
         "| training [s] |",
         "|---|---|---|---|---|---|",
     ]
-    names = list(dict.fromkeys(s.name for s in scores if s.seconds))
+    names = dict.fromkeys(s.name for s in scores if s.seconds)
     for name in names:
         rows = [s for s in scores if s.name == name and s.episodes == episodes]
         for s in rows:

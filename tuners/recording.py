@@ -49,7 +49,13 @@ class Recording:
         speed = None
         if v_x is not None:
             # A speed that varies a little over the episode counts by its mean.
-            mean = float(np.mean(validation.finite_array("v_x", np.atleast_1d(v_x), shape=(None,))))
+            speeds = validation.finite_array("v_x", np.atleast_1d(v_x), shape=(None,))
+            if len(speeds) not in (1, len(measured)):
+                raise ValueError(
+                    f"v_x has {len(speeds)} values for {len(measured)} samples. "
+                    "Give one speed, or one a sample."
+                )
+            mean = float(speeds.mean())
             speed = np.array([validation.number("v_x", mean, above=0.0, remedy="Give it in m/s.")])
         return cls(command[None], measured[None], Ts, speed)
 

@@ -8,7 +8,6 @@ neither Stable-Baselines3 nor torch.
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -135,37 +134,3 @@ class Training:
         validation.count("num_envs", self.num_envs, at_least=1)
         validation.count("episodes", self.episodes, at_least=self.num_envs)
         validation.count("seed", self.seed, at_least=0)
-
-
-def train(
-    task_kwargs: dict[str, Any],
-    settings: Training,
-    *,
-    at: tuple[int, ...] = (),
-    log: str | None = None,
-    checkpoint: Path | None = None,
-    progress: Progress | None = None,
-) -> list[tuple[int, RLTuner]]:
-    """Train an agent and return it, with snapshots on the way.
-
-    Parameters
-    ----------
-    task_kwargs : dict
-        Keyword arguments of the environment; ``visible="speed"`` makes the speed a feature.
-    at : tuple of int
-        Numbers of episodes after which a snapshot is taken; the end always is one.
-        Those that a resumed training already has behind it are left out.
-    log : str, optional
-        Folder for TensorBoard.
-    checkpoint : Path, optional
-        Stable-Baselines3 zip written at every snapshot and resumed from if it is there,
-        with the replay buffer and the averaged actor beside it.  Such files hold pickles,
-        which can run code: resume from your own only.
-
-    Returns
-    -------
-    list of (episodes, RLTuner)
-    """
-    from tuners.rl_training import Run
-
-    return Run(task_kwargs, settings, log, checkpoint).learn(at, progress)

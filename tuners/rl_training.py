@@ -57,13 +57,45 @@ def hyperparameters(settings: Training) -> dict[str, Any]:
     }[settings.algorithm]
 
 
+def train(
+    task_kwargs: dict[str, Any],
+    settings: Training,
+    *,
+    at: tuple[int, ...] = (),
+    log: str | None = None,
+    checkpoint: Path | None = None,
+    progress: Progress | None = None,
+) -> list[tuple[int, RLTuner]]:
+    """Train an agent and return it, with snapshots on the way.
+
+    Parameters
+    ----------
+    task_kwargs : dict
+        Keyword arguments of the environment; ``visible="speed"`` makes the speed a feature.
+    at : tuple of int
+        Numbers of episodes after which a snapshot is taken; the end always is one.
+        Those that a resumed training already has behind it are left out.
+    log : str, optional
+        Folder for TensorBoard.
+    checkpoint : Path, optional
+        Stable-Baselines3 zip written at every snapshot and resumed from if it is there,
+        with the replay buffer and the averaged actor beside it.  Such files hold pickles,
+        which can run code: resume from your own only.
+
+    Returns
+    -------
+    list of (episodes, RLTuner)
+    """
+    return Run(task_kwargs, settings, log, checkpoint).learn(at, progress)
+
+
 class Run:
     """One training run, in parts.
 
     Parameters
     ----------
     task_kwargs, settings, log, checkpoint
-        As for `tuners.rl.train`.
+        As for `train`.
     """
 
     def __init__(
