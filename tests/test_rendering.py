@@ -14,9 +14,10 @@ from gymnasium.utils.env_checker import check_env
 import yawrate_env  # noqa: F401
 from yawrate_env.env import PITuningEnv
 from yawrate_env.judge import Judge
-from yawrate_env.rendering import Window, figure, pixels
+from yawrate_env.rendering import figure, pixels
 from yawrate_env.task import Task
 from yawrate_env.vehicle import Context
+from yawrate_env.window import Window
 
 ROOT = Path(__file__).parents[1]
 SHAPE = (640, 1000, 3)
@@ -199,7 +200,8 @@ def test_rgb_frames_do_not_import_pyplot() -> None:
 
 
 def test_missing_matplotlib_names_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "yawrate_env.rendering")
+    for module in ("rendering", "window"):
+        monkeypatch.delitem(sys.modules, f"yawrate_env.{module}")
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     env = PITuningEnv(render_mode="rgb_array")
     env.reset(seed=0)

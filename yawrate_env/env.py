@@ -204,9 +204,9 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             return None
         if self._drawn is None or self._obs is None:
             raise ResetNeeded("There is nothing to draw yet. Call reset() before render().")
-        from yawrate_env.rendering import Window
-
         if self._window is None:
+            from yawrate_env.window import Window
+
             self._window = Window(human=self.render_mode == "human")
         frame: NDArray[np.uint8] | None = self._window.draw(
             self.task, self._drawn.context, self._obs, self._gains

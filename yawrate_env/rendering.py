@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from yawrate_env import ENV_ID, closed_loop
+from yawrate_env import closed_loop
 from yawrate_env.batch import take
 from yawrate_env.judge import Judge, Verdict
 from yawrate_env.loop import open_loop
@@ -19,11 +19,9 @@ from yawrate_env.task import Target, Task
 from yawrate_env.vehicle import Context
 
 try:
-    import matplotlib
     from matplotlib import style
     from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.backends.registry import backend_registry
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator, MultipleLocator, NullLocator, StrMethodFormatter
     from matplotlib.transforms import blended_transform_factory
@@ -40,9 +38,6 @@ LEFT, RIGHT = 0.082, 0.975
 
 DIVERGED = 5.0
 """Where the drawing of a step response ends, in steps."""
-
-HUMAN_PAUSE = 1.0
-"""How long a frame stays in the window [s]; the environment's `render_fps` is 1."""
 
 INK, MUTED, GRID = "#2b3036", "#69717a", "#e9ebee"
 COMMAND, YAW_RATE = "#8a95a3", "#3f6c94"
@@ -80,72 +75,6 @@ ORACLE_LINE: dict[str, Any] = {"linewidth": 0.9, "dashes": (5, 2.5), "zorder": 3
 Gains = NDArray[np.float64] | None
 
 
-class Window:
-    """Turn pictures into arrays, or show them one after the other in a window.
-
-    Parameters
-    ----------
-    human : bool
-        Show a window, where matplotlib has one to show; otherwise draw nothing.
-    """
-
-    def __init__(self, human: bool) -> None:
-        self._human = human
-        self._shown: Figure | None = None
-
-    def draw(
-        self, task: Task, context: Context, obs: NDArray[np.float32], gains: Gains
-    ) -> NDArray[np.uint8] | None:
-        """Draw an episode as `figure` does.
-
-        Returns
-        -------
-        (H, W, 3) uint8, or None
-            The pixels; None if they went to the window.
-        """
-        if not self._human:
-            return pixels(figure(task, context, obs, gains))
-        if self._open():
-            self._update(task, context, obs, gains)
-        return None
-
-    def close(self) -> None:
-        """Close the window, if there is one; may be called twice."""
-        if self._shown is not None:
-            from matplotlib import pyplot
-
-            pyplot.close(self._shown)
-            self._shown = None
-
-    def _open(self) -> bool:
-        """Open the window unless it is; false where there is none, or a person closed it."""
-        from matplotlib import pyplot
-
-        if self._shown is not None:
-            return bool(pyplot.fignum_exists(self._shown.number))
-        _, framework = backend_registry.resolve_backend(  # type: ignore[no-untyped-call]
-            matplotlib.get_backend()
-        )
-        if framework is None:
-            return False
-        try:
-            with style.context(["default", STYLE]):
-                self._shown = pyplot.figure(figsize=SIZE)
-        except ImportError:  # a window was asked for by name, and there is no display
-            return False
-        return True
-
-    def _update(self, task: Task, context: Context, obs: NDArray[np.float32], gains: Gains) -> None:
-        assert self._shown is not None and self._shown.canvas.manager is not None
-        self._shown.clear()
-        with style.context(["default", STYLE]):
-            _paint(self._shown, task, context, obs, gains)
-            self._shown.canvas.draw()
-        self._shown.canvas.manager.set_window_title(ENV_ID)
-        self._shown.canvas.manager.show()
-        self._shown.canvas.start_event_loop(HUMAN_PAUSE)
-
-
 def figure(task: Task, context: Context, obs: NDArray[np.float32], gains: Gains) -> Figure:
     """Draw one episode, without pyplot.
 
@@ -166,7 +95,7 @@ def figure(task: Task, context: Context, obs: NDArray[np.float32], gains: Gains)
     """
     with style.context(["default", STYLE]):
         picture = Figure(figsize=SIZE)
-        _paint(picture, task, context, obs, gains)
+        paint(picture, task, context, obs, gains)
     return picture
 
 
@@ -239,9 +168,10 @@ def _duration(target: Target) -> float:
     return 3 / target.crossover
 
 
-def _paint(
+def paint(
     picture: Figure, task: Task, context: Context, obs: NDArray[np.float32], gains: Gains
 ) -> None:
+    """Draw one episode into an empty figure; arguments as for `figure`."""
     loops = None if gains is None else _Loops.of(task, context, gains)
     edges = {"left": LEFT, "right": RIGHT}
     upper = picture.add_gridspec(
