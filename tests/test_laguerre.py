@@ -62,6 +62,16 @@ def test_an_episodes_features_do_not_depend_on_the_batch(count):
     np.testing.assert_allclose(part, whole[:count], rtol=1e-12)  # BLAS sums in another order
 
 
+@pytest.mark.parametrize("count", [1, 15, 16, 17, 40])
+def test_blocks_of_episodes_join_seamlessly(count):
+    y = np.random.default_rng(2).standard_normal((count, 2000))
+    features, usable = Laguerre()(U[:, :2000], y, TS)
+    phi = Laguerre().regressors(U[:, :2000], TS)[0]
+    expected = np.linalg.lstsq(phi.T, y.T)[0].T
+    assert usable.all()
+    np.testing.assert_allclose(features, expected, rtol=0, atol=1e-9 * abs(expected).max())
+
+
 def test_residual_is_orthogonal_to_every_function():
     features, _ = Laguerre()(U, NOISE, TS)
     phi = Laguerre().regressors(U, TS)[0]

@@ -45,25 +45,32 @@ class Laguerre:
                 f"at least {10 * self.order} are needed. Record for longer."
             )
         values = np.empty((len(y), self.order))
+        if len(u) == 1:
+            phi = self.regressors(u, Ts)[0]
+            matrix = self._normal_matrix(phi)
 
-        shared = self.regressors(u, Ts)[0] if len(u) == 1 else None
+        def shared(i: int, j: int) -> None:
+            values[i:j] = np.linalg.solve(matrix, _products(phi, y[i:j])).T
 
-        def work(i: int, j: int) -> None:
-            phi = self.regressors(u[i:j], Ts)[0] if shared is None else shared
-            values[i:j] = self._fit(phi, y[i:j])
+        def own(i: int, j: int) -> None:
+            phi = self.regressors(u[i:j], Ts)[0]
+            values[i:j] = np.linalg.solve(self._normal_matrix(phi), _products(phi, y[i:j])).T
 
-        over_blocks(work, len(y), 1 if shared is None else _EPISODES)
+        if len(u) == 1:
+            over_blocks(shared, len(y), _EPISODES)
+        else:
+            over_blocks(own, len(y), 1)
         return values, np.asarray(np.isfinite(values).all(axis=1) & u.any(axis=1))
 
-    def _fit(self, phi: Array, y: Array) -> Array:
-        """Least squares of (B, N) outputs on (order, N) regressors, by the normal equations.
+    def _normal_matrix(self, phi: Array) -> Array:
+        """Left side of the normal equations for regressors (order, N).
 
-        Orthonormal functions and a broad-band input keep them well conditioned, and
-        they are several times faster than a decomposition of the regressors.
+        Orthonormal functions and a broad-band input keep it well conditioned, and it is
+        several times faster than a decomposition of the regressors.
         """
         gram = _products(phi, phi)
         ridge = 1e-14 * np.trace(gram) or 1.0  # an input of zeros has no solution at all
-        return np.linalg.solve(gram + ridge * np.eye(self.order), _products(phi, y)).T
+        return np.asarray(gram + ridge * np.eye(self.order))
 
     def regressors(self, u: Array, Ts: float) -> Array:
         """Filtered inputs, (E, order, N)."""

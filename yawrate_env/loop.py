@@ -49,7 +49,8 @@ class TransferFunction:
         num, den = np.zeros((len(A), n + 1)), np.ones((len(A), n + 1))
         M = np.broadcast_to(np.eye(n), A.shape)
         for k in range(1, n + 1):
-            num[:, k] = np.einsum("i,bij,bj->b", plant.C, M, B)
+            # Not einsum: its rounding depends on where in memory the arrays happen to lie.
+            num[:, k] = ((M * B[:, None, :]).sum(axis=2) * plant.C).sum(axis=1)
             AM = A @ M
             den[:, k] = -np.trace(AM, axis1=1, axis2=2) / k
             M = AM + den[:, k, None, None] * np.eye(n)
