@@ -13,6 +13,8 @@ from stable_baselines3 import SAC
 
 import yawrate_env
 from tuners.sb3_adapter import Sb3VecEnv
+from yawrate_env.reward import margin_error
+from yawrate_env.task import Target
 
 EXAMPLES = ROOT / "examples"
 
@@ -91,8 +93,9 @@ def test_the_single_file_agent_learns(cleanrl, tmp_path):
 def test_the_single_file_agent_becomes_good(cleanrl):
     info = cleanrl.evaluate(cleanrl.train(cleanrl.Args(total_episodes=1200)), cleanrl.Args())
     assert info["stable"].all()
-    # The fixed controller leaves 2.9 degrees and 0.27 Hz; 5000 episodes bring 0.2 and 0.007.
-    assert info["phase_margin"].std() < 2.5 and info["crossover"].std() < 0.1
+    error = margin_error(info["phase_margin"], info["crossover"], Target())
+    # The fixed controller's is 0.95; 5000 episodes bring 0.03.
+    assert error.mean() < 0.75
 
 
 def test_the_single_file_agents_density_is_that_of_its_actions(cleanrl):

@@ -39,7 +39,7 @@ _GRADIENT = 19 * LANES
 _HESSIAN = 25 * LANES  # 6 x 6, the upper half is used
 _ROWS = 61
 _START_RATE = 70.0  # rad/s, double pole of the first C: faster than the vehicles
-_MAX_PASSES = 100
+_MAX_PASSES = 400
 _TOLERANCE = 1e-8  # of the cost: a hundredth of a coefficient's standard deviation
 _MU_START, _MU_LEAST, _MU_MAX = 1e-3, 1e-12, 1e10
 

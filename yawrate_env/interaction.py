@@ -15,7 +15,7 @@ from yawrate_env.decimation import averaged
 from yawrate_env.episode import Draw, record
 from yawrate_env.judge import Judge, Verdict
 from yawrate_env.task import Experiment, Prior, Target, Task
-from yawrate_env.vehicle import Context, Vehicle
+from yawrate_env.vehicle import LARGEST, Context, Vehicle
 
 KP_RANGE = (1e-3, 10.0)
 TI_RANGE = (1e-3, 100.0)
@@ -75,7 +75,7 @@ def observation_space(experiment: Experiment, visible: str, decimate: int) -> Bo
     if samples < 2:
         raise ValueError(f"decimate = {decimate} leaves {samples} of {experiment.N} samples.")
     rows = [experiment.amplitude * (1 + 1e-6), YAW_RATE_RANGE]
-    rows += [{"v_x": 1e3, "mu_s": 1e2, "M_delta": 1e6}[name] for name in VISIBLE[visible]]
+    rows += [LARGEST[name] for name in VISIBLE[visible]]
     high = np.repeat(np.array(rows, dtype=np.float32)[:, None], samples, axis=1)
     return Box(-high, high, dtype=np.float32)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawrate_env import validation
-from yawrate_env.vehicle import Vehicle
+from yawrate_env.vehicle import LARGEST, Vehicle
 
 REGISTERS = ("same", "random")
 CONTROLLERS = ("pi", "printed")
@@ -34,8 +34,10 @@ class Prior:
     v_x: tuple[float, float] = (20.0, 20.0)
 
     def __post_init__(self) -> None:
-        for name in ("mu_s", "M_delta", "v_x"):
-            object.__setattr__(self, name, validation.interval(name, getattr(self, name)))
+        for name, largest in LARGEST.items():
+            low, high = validation.interval(name, getattr(self, name))
+            validation.number(name, high, at_most=largest, remedy="Use SI units.")
+            object.__setattr__(self, name, (low, high))
         for name, (low, _) in (("mu_s", self.mu_s), ("v_x", self.v_x)):
             validation.number(name, low, above=0.0, remedy="Raise the low end of its range.")
 

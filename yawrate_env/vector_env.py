@@ -160,9 +160,9 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
         )
         if len(seeds) != self.num_envs:
             raise ValueError(f"{len(seeds)} seeds for {self.num_envs} sub-environments.")
-        for i in np.flatnonzero(mask):
-            if seeds[i] is not None:
-                self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
+        for i, one in enumerate(seeds):
+            if mask[i] and one is not None:
+                self._generators[i], self._seeds[i] = seeding.np_random(int(one))
 
     def _ensure_generators(self) -> None:
         if self._generators is None:

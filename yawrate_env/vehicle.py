@@ -26,6 +26,9 @@ from yawrate_env import validation
 
 N_STATES = 6
 
+LARGEST = {"mu_s": 100.0, "M_delta": 1e6, "v_x": 1e3}
+"""Beyond these a context is refused as a mistake of units [1, kg, m/s]."""
+
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
@@ -92,18 +95,17 @@ class Context:
     def of(cls, mu_s: ArrayLike, M_delta: ArrayLike, v_x: ArrayLike) -> Self:
         """Batch from anything that broadcasts to one dimension, checked."""
         arrays = np.broadcast_arrays(*(np.atleast_1d(a) for a in (mu_s, M_delta, v_x)))
-        checked = [
-            validation.finite_array(name, array.copy(), shape=(None,))
-            for name, array in zip(("mu_s", "M_delta", "v_x"), arrays, strict=True)
-        ]
-        for name, array in (("mu_s", checked[0]), ("v_x", checked[2])):
-            validation.number(
-                name,
-                array.min(initial=np.inf) if array.size else 1.0,
-                above=0.0,
-                remedy="Raise it.",
-            )
-        return cls(*checked)
+        checked = {
+            name: validation.finite_array(name, array.copy(), shape=(None,))
+            for name, array in zip(cls.__slots__, arrays, strict=True)
+        }
+        for name, array in checked.items():
+            if array.size:
+                validation.number(name, array.max(), at_most=LARGEST[name], remedy="Use SI units.")
+        for name in ("mu_s", "v_x"):
+            if checked[name].size:
+                validation.number(name, checked[name].min(), above=0.0, remedy="Raise it.")
+        return cls(**checked)
 
     def __len__(self) -> int:
         return len(self.mu_s)
