@@ -15,7 +15,8 @@ from gymnasium.wrappers import FlattenObservation, RescaleAction
 from recordings import ROOT, recorded
 
 from tuners.armax import Armax
-from tuners.feature_map import LIMIT, ActionMap, FeatureMap, compressor
+from tuners.compressors import compressor
+from tuners.feature_map import LIMIT, ActionMap, FeatureMap
 from tuners.laguerre import Laguerre
 from tuners.recording import Recording
 from tuners.wrappers import Compressed, CompressedVector, LoopAction, LoopActionVector

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners import coordinates
-from tuners.two_stage import Compressor
+from tuners.compressors import Compressor
 from yawrate_env.batch import concatenate
 from yawrate_env.contexts import ContextSet
 from yawrate_env.design import Design, Status

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tuners.armax import Armax
 from tuners.laguerre import Laguerre
 from tuners.recording import Recording
-from yawrate_env import controller, validation
+from yawrate_env import controller
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.decimation import averaged
 from yawrate_env.design import required_response
@@ -24,21 +24,10 @@ from yawrate_env.vehicle import Context
 
 Array = NDArray[np.float64]
 
-COMPRESSORS: dict[str, Any] = {"armax": Armax, "laguerre": Laguerre}
-
 LIMIT = 10.0
 """Standardised features are clipped here, so that the observation space is finite."""
 
 _EPISODES = 512
-
-
-def compressor(name: str, **settings: Any) -> Armax | Laguerre:
-    """A first stage by name, or ``ValueError``."""
-    validation.one_of("compressor", name, tuple(COMPRESSORS))
-    try:
-        return COMPRESSORS[name](**settings)  # type: ignore[no-any-return]
-    except TypeError as error:
-        raise ValueError(f"compressor {name!r}: {error}.") from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,7 +24,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from tuners.feature_map import COMPRESSORS
+from tuners.compressors import COMPRESSORS
 from tuners.recording import Recording
 from tuners.wrappers import Compressed, LoopAction
 from yawrate_env import validation

@@ -7,13 +7,14 @@ neither Stable-Baselines3 nor torch.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.feature_map import COMPRESSORS, ActionMap, FeatureMap, compressor
+from tuners.compressors import COMPRESSORS, compressor, described
+from tuners.feature_map import ActionMap, FeatureMap
 from tuners.recording import Recording
 from tuners.tuner import Tuner, task_from
 from yawrate_env import validation
@@ -76,10 +77,9 @@ class RLTuner(Tuner):
 
     def settings(self) -> dict[str, Any]:
         """Task, first stage, shape of the actor and how it was trained."""
-        name = type(self.features.compressor).__name__.lower()
         return {
             **super().settings(),
-            "compressor": {"name": name, **asdict(self.features.compressor)},
+            "compressor": described(self.features.compressor),
             "visible": list(self.features.visible),
             "hidden": self.actor.hidden,
             "squashed": self.actor.squashed,

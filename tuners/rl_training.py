@@ -12,7 +12,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from tuners.feature_map import FeatureMap, compressor
+from tuners.compressors import compressor
+from tuners.feature_map import FeatureMap
 from tuners.rl import Actor, Progress, RLTuner, Training
 from tuners.sb3_adapter import Sb3VecEnv
 from yawrate_env import FEATURES_ID

@@ -1,7 +1,7 @@
 """The two-stage tuner: compress the episode, then predict the controller."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tuners import coordinates
 from tuners.armax import Armax
+from tuners.compressors import compressor, described
 from tuners.feedforward import FeedForward, FeedForwardSettings
 from tuners.gbm import GBM, GBMSettings
 from tuners.laguerre import Laguerre
@@ -20,15 +21,7 @@ from yawrate_env.task import Task
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-COMPRESSORS: dict[str, Any] = {"armax": Armax, "laguerre": Laguerre}
 LEARNERS: dict[str, Any] = {"gbm": GBM, "feedforward": FeedForward}
-
-
-class Compressor(Protocol):
-    """First stage: episodes to a few features each."""
-
-    def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
-        """Features (B, n) and where they are usable (B,)."""
 
 
 class Learner(Protocol):
@@ -103,11 +96,11 @@ class TwoStage(Tuner):
 
     def settings(self) -> dict[str, Any]:
         """Task, both stages' settings and how it was trained."""
-        names = {Armax: "armax", Laguerre: "laguerre", GBM: "gbm", FeedForward: "feedforward"}
+        learners = {kind: name for name, kind in LEARNERS.items()}
         return {
             **super().settings(),
-            "compressor": {"name": names[type(self.compressor)], **asdict(self.compressor)},
-            "learner": names[type(self.learner)],
+            "compressor": described(self.compressor),
+            "learner": learners[type(self.learner)],
             "coordinates": self.coordinates,
             "training": self.training,
         }
@@ -119,11 +112,9 @@ class TwoStage(Tuner):
     @classmethod
     def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
         """Rebuild from what was saved."""
-        compressor = dict(settings["compressor"])
-        name = compressor.pop("name")
         return cls(
             task_from(settings),
-            COMPRESSORS[name](**compressor),
+            compressor(**settings["compressor"]),
             LEARNERS[settings["learner"]].from_arrays(arrays),
             settings["coordinates"],
             settings["training"],

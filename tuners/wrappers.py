@@ -14,7 +14,8 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from tuners.feature_map import LIMIT, ActionMap, FeatureMap, compressor
+from tuners.compressors import compressor
+from tuners.feature_map import LIMIT, ActionMap, FeatureMap
 from tuners.recording import Recording
 from yawrate_env.env import PITuningEnv
 from yawrate_env.interaction import VISIBLE, checked_actions

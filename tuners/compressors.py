@@ -1,0 +1,37 @@
+"""The first stages by name, as model files and commands know them."""
+
+from dataclasses import asdict
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.armax import Armax
+from tuners.laguerre import Laguerre
+from yawrate_env import validation
+
+Array = NDArray[np.float64]
+
+COMPRESSORS: dict[str, type[Armax | Laguerre]] = {"armax": Armax, "laguerre": Laguerre}
+
+
+class Compressor(Protocol):
+    """First stage: episodes to a few features each."""
+
+    def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Features (B, n) and where they are usable."""
+
+
+def compressor(name: str, **settings: Any) -> Armax | Laguerre:
+    """A first stage by name, or ``ValueError``."""
+    validation.one_of("compressor", name, tuple(COMPRESSORS))
+    try:
+        return COMPRESSORS[name](**settings)
+    except TypeError as error:
+        raise ValueError(f"compressor {name!r}: {error}.") from None
+
+
+def described(stage: Armax | Laguerre) -> dict[str, Any]:
+    """Name and settings: what `compressor` takes, as plain JSON values."""
+    names = {kind: name for name, kind in COMPRESSORS.items()}
+    return {"name": names[type(stage)], **asdict(stage)}
