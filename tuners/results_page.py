@@ -15,11 +15,12 @@ EXAMPLE = '''\
 # my_agent.py
 import numpy as np
 
+
 class Fixed:
     """The same gains for every vehicle."""
 
     def predict(self, obs, state=None, episode_start=None, deterministic=True):
-        return np.tile([0.23, 0.28], (len(obs), 1)), state   # kp [s], Ti [s]
+        return np.tile([0.23, 0.28], (len(obs), 1)), state  # kp [s], Ti [s]
 '''
 
 _PAGE = """\
