@@ -44,9 +44,13 @@ def write(
 
 def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Read settings and arrays, or raise `ModelFileError` with the reason."""
-    from safetensors import SafetensorError
-    from safetensors.numpy import load
-
+    try:
+        from safetensors import SafetensorError
+        from safetensors.numpy import load
+    except ImportError:
+        raise ModelFileError(
+            f'{path} needs safetensors to be read: pip install "yawrate[tuners]".'
+        ) from None
     try:
         content = Path(path).read_bytes()
     except OSError as error:

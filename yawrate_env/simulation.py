@@ -3,8 +3,8 @@
 The recursion runs ``LANES`` plants side by side.  The full matrices are kept: modal
 coordinates need a third of the multiplications, but the eigendecomposition of one
 plant costs as much as simulating ten thousand samples of it, and it breaks down where
-poles meet (a critically damped actuator, say).  Profiling puts the recursion at less
-than half the cost of an episode, behind the noise.
+poles meet (a critically damped actuator, say).  Profiling puts the recursion at about
+half the cost of an episode; the noise is most of the rest.
 """
 
 from functools import cache
