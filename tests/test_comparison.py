@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,12 +111,6 @@ def test_markdown_has_every_seed_and_the_median():
     assert lines[2] == "| `sac` | 0 | 60.100 ± 0.300 | 1.4900 ± 0.0100 | 0 | 9 |"
     assert lines[5] == "| **`sac`** | median | **60.100 ± 0.200** | **1.4900 ± 0.0100** | 0 | 9 |"
     assert lines[7].startswith("| **`ppo`** | median | **60.100 ± 0.400**")
-
-
-def test_the_median_agent_is_the_median_spread():
-    scores = [*seeds(), *seeds(episodes=500, stds=(1, 2, 3)), *seeds("ppo")]
-    path = comparison.median_agent(scores, "sac", 1000, Path("runs"))
-    assert path == Path("runs/sac-2-1000.tuner")
 
 
 def test_written_scores_can_be_read(tmp_path):

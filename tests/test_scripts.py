@@ -168,7 +168,8 @@ def test_the_whole_paper_in_small(tmp_path):
     assert done.returncode == 0, done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["new"]
     results, figures = tmp_path / "new" / "results", tmp_path / "new" / "figures"
-    assert {p.name for p in figures.iterdir()} == {f"fig{k}.png" for k in range(4, 9)}
+    expected = {*(f"fig{k}.png" for k in range(4, 9)), "margins.png"}
+    assert {p.name for p in figures.iterdir()} == expected
     assert all(p.read_bytes().startswith(b"\x89PNG\r\n") for p in figures.iterdir())
 
     table = json.loads((results / "table3.json").read_text())

@@ -201,10 +201,3 @@ def write(scores: Sequence[Score], episodes: int, results: Path) -> None:
     results.mkdir(parents=True, exist_ok=True)
     write_text(results / "rl.json", json.dumps([asdict(s) for s in scores], indent=1) + "\n")
     write_text(results / "rl.md", to_markdown(scores, episodes))
-
-
-def median_agent(scores: Sequence[Score], name: str, episodes: int, folder: Path) -> Path:
-    """File of the agent whose phase-margin spread is the median of its seeds."""
-    rows = [s for s in scores if s.name == name and s.episodes == episodes]
-    rows.sort(key=lambda s: s.phase_margin[1])
-    return folder / f"{name}-{rows[len(rows) // 2].seed}-{episodes}.tuner"

@@ -55,12 +55,14 @@ def reproduce(episodes: int, seed: int, results: Path, figures: Path, progress: 
     )
     draw = CONTEXT_SETS["test"].draw(task.prior, seed, 0, episodes)
     rows = [row(e, task) for e in found]
-    rows.append(bound_row(cramer_rao(task, draw), task))
+    bound = cramer_rao(task, draw)
+    rows.append(bound_row(bound, task))
     write_csv(results / "episodes.csv", found)
     conditions = {"task": asdict(task), "episodes": episodes, "seed": seed}
     write_text(results / "table3.json", to_json(rows, conditions))
     write_text(results / "table3.md", to_markdown(rows))
-    draw_figures(task, {e.tuner: e for e in found}, tuners, seed, figures, progress)
+    spread = np.sqrt((bound**2).mean(axis=0))
+    draw_figures(task, {e.tuner: e for e in found}, tuners, spread, seed, figures, progress)
     return to_markdown(rows)
 
 
@@ -88,11 +90,12 @@ def draw_figures(
     task: Task,
     found: Mapping[str, Evaluation],
     tuners: Mapping[str, Tuner],
+    spread: NDArray[np.float64],
     seed: int,
     folder: Path,
     progress: Progress,
 ) -> None:
-    """Write fig4.png to fig8.png."""
+    """Write fig4.png to fig8.png, and margins.png with the bound's (2,) spread as a star."""
     shown = {name: found[name] for name in SHOWN}
     oracle = found["oracle"]
     percent = {name: row(e, task)["rms_percent"] for name, e in shown.items()}
@@ -113,6 +116,11 @@ def draw_figures(
             {name: p["Ti"] for name, p in percent.items()},
         ),
         "fig7": lambda: plots.times({name: e.seconds for name, e in shown.items()}),
+        "margins": lambda: plots.margin_scatter(
+            {name: (e.phase_margin, e.crossover) for name, e in shown.items()},
+            (task.target.phase_margin, task.target.crossover),
+            (float(spread[0]), float(spread[1])),
+        ),
         "fig8": lambda: _tracking(task, {name: tuners[name] for name in SHOWN}),
     }
     for done, (name, picture) in enumerate(pictures.items(), start=1):
