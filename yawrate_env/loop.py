@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from yawrate_env import controller
 from yawrate_env.compiled import kernel, over_blocks
-from yawrate_env.discretisation import DiscretePlant
+from yawrate_env.discretisation import DiscretePlant, ObserverForm
 from yawrate_env.task import Target
 
 _BLOCK = 64
@@ -46,18 +46,11 @@ class TransferFunction:
 
     @classmethod
     def of(cls, plant: DiscretePlant, delay_samples: int = 0) -> Self:
-        """Transfer function of a state-space batch (Leverrier and Faddeev's recursion)."""
-        n = plant.A.shape[1]
-        A = (plant.A - np.eye(n)) / plant.Ts
-        B = plant.B / plant.Ts
-        num, den = np.zeros((len(A), n + 1)), np.ones((len(A), n + 1))
-        M = np.broadcast_to(np.eye(n), A.shape)
-        for k in range(1, n + 1):
-            # Not einsum: its rounding depends on where in memory the arrays happen to lie.
-            num[:, k] = ((M * B[:, None, :]).sum(axis=2) * plant.C).sum(axis=1)
-            AM = A @ M
-            den[:, k] = -np.trace(AM, axis1=1, axis2=2) / k
-            M = AM + den[:, k, None, None] * np.eye(n)
+        """Transfer function of a state-space batch."""
+        form, n = ObserverForm.of(plant, 1.0), plant.B.shape[1]
+        powers = plant.Ts ** np.arange(1.0, n + 1.0)
+        num, den = np.zeros((len(form), n + 1)), np.ones((len(form), n + 1))
+        num[:, 1:], den[:, 1:] = form.beta / powers, form.alpha / powers
         return cls(num, den, plant.Ts, delay_samples)
 
     def __call__(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
