@@ -1,0 +1,12 @@
+"""Data sets of any size: features, targets and contexts in a folder of Parquet files.
+
+``generate`` writes one, in parallel, and goes on where it was interrupted; ``verify``
+reads every byte again; ``Folder`` reads one in bounded memory.  ``docs/datasets.md`` has
+the format.
+"""
+
+from tuners.data.folder import Folder, verify
+from tuners.data.generation import generate
+from tuners.data.manifest import DatasetError
+
+__all__ = ["DatasetError", "Folder", "generate", "verify"]
