@@ -19,7 +19,7 @@ from tuners.armax import Armax
 from tuners.data import manifest, shards
 from tuners.data import workers as pool
 from tuners.data.folder import Folder, damage
-from tuners.data.manifest import Configuration, DatasetError, Manifest
+from tuners.data.manifest import Configuration, DatasetError, Manifest, Shard
 from tuners.laguerre import Laguerre
 from yawrate_env import validation
 from yawrate_env.compiled import cores
@@ -85,8 +85,9 @@ def generate(
     recipe = Configuration(task, contexts, compressor, seed, episodes, shard_size, raw)
     count = cores() if workers is None else validation.count("workers", workers)
     folder = Path(out)
-    with _explained(folder), _owned(folder):
-        found = _begun(folder, recipe, resume)
+    with _owned(folder):
+        with _explained(folder):
+            found = _begun(folder, recipe, resume)
         listed = {shard.file for shard in found.shards}
         missing = [shard for shard in recipe.shards() if shard.file not in listed]
         done = episodes - sum(shard.rows for shard in missing)
@@ -94,10 +95,8 @@ def generate(
             progress("simulating", done, episodes)
         work = partial(shards.made, found.configuration)
         for shard, content in pool.results(work, missing, count, scheduler):
-            with replacing(folder / shard.file) as file:
-                file.write(content)
-            found = found.with_shard(replace(shard, sha256=hashlib.sha256(content).hexdigest()))
-            found.write(folder)
+            with _explained(folder):
+                found = _with(found, shard, content, folder)
             done += shard.rows
             if progress is not None:
                 progress("simulating", done, episodes)
@@ -130,13 +129,23 @@ def _begun(folder: Path, recipe: Configuration, resume: bool) -> Manifest:
     return replace(found, shards=tuple(s for s in found.shards if (folder / s.file).exists()))
 
 
+def _with(found: Manifest, shard: Shard, content: bytes, folder: Path) -> Manifest:
+    """Write a shard, and then that it is there."""
+    with replacing(folder / shard.file) as file:
+        file.write(content)
+    found = found.with_shard(replace(shard, sha256=hashlib.sha256(content).hexdigest()))
+    found.write(folder)
+    return found
+
+
 @contextmanager
 def _owned(folder: Path) -> Iterator[None]:
     """Make the folder and lock it; the lock ends with the process, however that ends."""
     if folder.exists() and not folder.is_dir():
         raise DatasetError(f"{folder} is a file. Name a folder.")
-    folder.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder, os.O_RDONLY)
+    with _explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

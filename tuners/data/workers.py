@@ -5,10 +5,13 @@ what is slower to write than to make does not pile up in memory, as it would beh
 ``joblib.Parallel``'s generators.
 """
 
+import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
 from contextlib import contextmanager
 from itertools import islice
+from threading import Thread
 from typing import TypeVar
 
 from tuners.data.manifest import DatasetError
@@ -56,13 +59,26 @@ def _executor(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, i
     from joblib.externals.loky import ProcessPoolExecutor
 
     try:
-        with ProcessPoolExecutor(workers, env=_ONE_THREAD) as pool:
+        with ProcessPoolExecutor(
+            workers, env=_ONE_THREAD, initializer=_end_with, initargs=(os.getpid(),)
+        ) as pool:
             yield pool, workers
     except BrokenExecutor as error:
         raise DatasetError(
             f"A worker died, perhaps for want of memory ({error}). Choose fewer workers or "
             "smaller shards; what is finished stays."
         ) from None
+
+
+def _end_with(parent: int) -> None:
+    """End this worker soon after its parent: one that is killed cannot tell its workers."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
