@@ -125,7 +125,7 @@ def test_a_shard_that_was_deleted_is_made_again(partial, undisturbed):
 
 
 def test_leftovers_of_a_killed_run_disappear(partial, undisturbed):
-    for name in (".shard-000004.parquet.a1b2c3d4", ".manifest.json.a1b2c3d4"):
+    for name in (".shard-000004.parquet.a1b2c3d4", "._manifest.json.a1b2c3d4"):
         (partial / name).write_bytes(b"half of it")
     (partial / "shard-000004.parquet").write_bytes(b"finished, but not in the manifest yet")
     made(partial)
@@ -134,7 +134,7 @@ def test_leftovers_of_a_killed_run_disappear(partial, undisturbed):
 
 def test_killed_before_the_first_manifest(tmp_path, undisturbed):
     (tmp_path / "data").mkdir()
-    (tmp_path / "data" / ".manifest.json.a1b2c3d4").write_bytes(b"{")
+    (tmp_path / "data" / "._manifest.json.a1b2c3d4").write_bytes(b"{")
     made(tmp_path / "data")
     assert contents(tmp_path / "data") == undisturbed
 
@@ -176,7 +176,7 @@ def test_columns_have_plain_types_and_units(whole):
 
 
 def test_the_manifest_says_what_it_is(whole):
-    text = json.loads((whole.path / "manifest.json").read_text())
+    text = json.loads((whole.path / "_manifest.json").read_text())
     assert text["seeds"] == {"entropy": [TRAIN.tag, 3], "spawn_keys": [0, EPISODES]}
     words = np.random.SeedSequence((TRAIN.tag, 3), spawn_key=(7,)).generate_state(8, np.uint64)
     mu_s = 0.3 + 0.8 * (int(words[0]) >> 11) * 2.0**-53
@@ -244,11 +244,11 @@ def test_one_altered_byte_is_noticed(partial, seed, undisturbed):
 
 
 def test_a_manifest_that_is_damaged_is_refused(partial):
-    path = partial / "manifest.json"
+    path = partial / "_manifest.json"
     good = path.read_text()
     for bad in ("", good[:-20], good.replace('"seed": 3', '"seed": 4'), "[]", '{"format": 1}'):
         path.write_text(bad)
-        with pytest.raises(DatasetError, match="manifest.json"):
+        with pytest.raises(DatasetError, match="_manifest.json"):
             made(partial)
         assert path.read_text() == bad
     path.write_text(good.replace("yawrate-dataset 1", "yawrate-dataset 2"))

@@ -19,6 +19,8 @@ from yawrate_env.vehicle import Context
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
+TRAINING_SHARE = 0.8
+
 _BLOCK = 128
 
 
@@ -118,3 +120,11 @@ def simulate_dataset(
             if progress is not None:
                 progress(done, of)
     return concatenate(parts)
+
+
+def trains(vehicles: int, seed: int) -> NDArray[np.bool_]:
+    """(vehicles,) which of them train; the rest validate."""
+    order = np.random.default_rng(seed).permutation(vehicles)
+    chosen = np.zeros(vehicles, dtype=np.bool_)
+    chosen[order[: round(TRAINING_SHARE * vehicles)]] = True
+    return chosen

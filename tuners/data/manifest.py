@@ -1,6 +1,6 @@
 """What a data set is made of, and the file that says so.
 
-``manifest.json`` holds the configuration, its hash, the seeds, and for every finished
+``_manifest.json`` holds the configuration, its hash, the seeds, and for every finished
 shard its rows and sha256.  It is replaced after each shard, always as a whole; a shard
 that it does not list does not count, whatever the folder holds.
 """
@@ -23,7 +23,7 @@ from yawrate_env.files import write_text
 from yawrate_env.task import Prior, Task
 
 FORMAT = "yawrate-dataset 1"
-FILE = "manifest.json"
+FILE = "_manifest.json"  # what begins so is no part of the table to Arrow, pandas and Spark
 SHARD_SIZE = 8192
 RAW_SHARD_SIZE = 512
 

@@ -105,7 +105,8 @@ def read(path: Path, names: Sequence[str] | None = None) -> Iterator[Columns]:
             for batch in file.iter_batches(_rows(names), columns=list(names)):
                 yield {name: _array(batch[name]) for name in names}
     except (OSError, KeyError, pa.ArrowException) as error:
-        raise DatasetError(f"{path} cannot be read: {error}. Verify the data set.") from None
+        reason = " ".join(str(error).split())
+        raise DatasetError(f"{path} cannot be read: {reason} Verify the data set.") from None
 
 
 def feature_names(names: Iterable[str]) -> list[str]:
