@@ -8,6 +8,7 @@ memory.  ``docs/datasets.md`` has the format.
 from tuners.data.folder import Folder, verify
 from tuners.data.generation import generate
 from tuners.data.manifest import DatasetError
+from tuners.data.minari_export import BEHAVIOURS, export_minari
 from tuners.data.training import train
 
-__all__ = ["DatasetError", "Folder", "generate", "train", "verify"]
+__all__ = ["BEHAVIOURS", "DatasetError", "Folder", "export_minari", "generate", "train", "verify"]
