@@ -9,6 +9,16 @@ from tuners.data.folder import Folder, verify
 from tuners.data.generation import generate
 from tuners.data.manifest import DatasetError
 from tuners.data.minari_export import BEHAVIOURS, export_minari
+from tuners.data.table import load_gains
 from tuners.data.training import train
 
-__all__ = ["BEHAVIOURS", "DatasetError", "Folder", "export_minari", "generate", "train", "verify"]
+__all__ = [
+    "BEHAVIOURS",
+    "DatasetError",
+    "Folder",
+    "export_minari",
+    "generate",
+    "load_gains",
+    "train",
+    "verify",
+]

@@ -15,6 +15,7 @@ Episode k shows the vehicle of row k of the same seed's data set, and follows be
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -90,22 +91,38 @@ def export_minari(
     env = gymnasium.make(ENV_ID if raw else FEATURES_ID, **env_kwargs or {})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of an address and a link that are not given
-        try:
-            return minari.create_dataset_from_buffers(
-                dataset_id,
-                _buffers(env, episodes, seed, contexts, behaviours, progress),
-                env=env,
-                eval_env=env,
-                algorithm_name=", ".join(behaviours),
-                author="yawrate",
-                description=(
-                    f"One-step episodes of seed {seed}, context set {contexts.name}; behaviours "
-                    f"in turn: {', '.join(behaviours)}. An episode's options pin its vehicle."
-                ),
-            )
-        except BaseException:
-            minari.delete_dataset(dataset_id)
-            raise
+        empty = minari.create_dataset_from_buffers(
+            dataset_id,
+            [],
+            env=env,
+            eval_env=env,
+            algorithm_name=", ".join(behaviours),
+            author="yawrate",
+            description=(
+                f"One-step episodes of seed {seed}, context set {contexts.name}; behaviours "
+                f"in turn: {', '.join(behaviours)}. An episode's options pin its vehicle."
+            ),
+        )
+    try:
+        _indexed(empty.storage.data_path)
+        empty.storage.update_episodes(_buffers(env, episodes, seed, contexts, behaviours, progress))
+    except BaseException:
+        minari.delete_dataset(dataset_id)
+        raise
+    return minari.load_dataset(dataset_id)
+
+
+def _indexed(folder: Path) -> None:
+    """Make Minari's file again, with a root group that knows how many episodes it has.
+
+    Minari counts them before each one that it adds.  In the file that it makes the count
+    walks over all of them, and 100 000 episodes took ten times as long.
+    """
+    import h5py
+
+    (path,) = folder.glob("*.hdf5")
+    with h5py.File(path, "w", track_order=True):
+        pass
 
 
 def _buffers(
