@@ -48,10 +48,18 @@ def gains(
     log_magnitude: NDArray[np.float64], phase: NDArray[np.float64], target: Target
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(kp, Ti) with this response at the target crossover; phase between -pi/2 and 0 rad."""
-    tangent = -np.tan(phase)
     if target.controller == "pi":
-        return np.exp(log_magnitude) / np.hypot(1, tangent), 1 / (tangent * _warped(target))
+        return pi_gains(log_magnitude, phase, _warped(target))
+    tangent = -np.tan(phase)
     return np.exp(log_magnitude) * np.hypot(1, tangent), tangent / _warped(target)
+
+
+def pi_gains(
+    log_magnitude: NDArray[np.float64], phase: NDArray[np.float64], omega: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(kp, Ti) of ``kp (1 + 1/(Ti s))`` with this response at ``s = j omega`` [rad/s]."""
+    tangent = -np.tan(phase)
+    return np.exp(log_magnitude) / np.hypot(1, tangent), 1 / (tangent * omega)
 
 
 def _warped(target: Target) -> float:
