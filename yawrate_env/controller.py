@@ -29,8 +29,15 @@ def coefficients(
     """(n1, n0, d0) of the controller in the delta operator, each (B,)."""
     Ts = target.Ts
     if target.controller == "pi":
-        return kp * (1 + Ts / (2 * Ti)), kp / Ti, np.zeros_like(kp)
+        return *pi_coefficients(kp, Ti, Ts), np.zeros_like(kp)
     return kp * Ts / (Ts + 2 * Ti), 2 * kp / (Ts + 2 * Ti), 2 / (Ts + 2 * Ti)
+
+
+def pi_coefficients(
+    kp: NDArray[np.float64], Ti: NDArray[np.float64], Ts: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n1, n0) of the Tustin PI, which has d0 = 0."""
+    return kp * (1 + Ts / (2 * Ti)), kp / Ti
 
 
 def response(
