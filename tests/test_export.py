@@ -251,6 +251,9 @@ def test_misuse_is_refused_before_anything_is_written(tmp_path):
             export(source, target, path)
     with pytest.raises(ValueError, match="high = -1 must be"):
         export((0.3, 0.2), "c", path, limits=(0.0, -1.0))
+    tuner = TwoStage(Task(), Laguerre(order=2), Echo(3), "loop", {})
+    with pytest.raises(ValueError, match="has 3 features, 2 of them"):
+        export(tuner, "onnx", path)
     random = Task(experiment=Experiment(register="random"))
     tuner = TwoStage(random, Laguerre(order=2), Echo(2), "loop", {})
     with pytest.raises(ValueError, match="features=True"):

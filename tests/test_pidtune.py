@@ -1,5 +1,6 @@
 """The table was made with 40 digits by `references/make_pidtune_reference.py`."""
 
+import doctest
 import json
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tuners.pidtune import pidtune
+from tuners.pidtune import pidtune, tuning
 from yawrate_env.design import Status, design
 from yawrate_env.discretisation import zoh
 from yawrate_env.loop import TransferFunction
@@ -173,6 +174,37 @@ def test_a_pi_is_the_environments():
     np.testing.assert_allclose([info.Kp, info.Ti], [ours.kp[0], ours.Ti[0]], rtol=1e-9)
 
 
+def random_roots(rng, count):
+    """Left and right, real and in pairs, integrators."""
+    roots = []
+    while len(roots) < count:
+        size, side = 10 ** rng.uniform(-1, 1.5), rng.choice([-1, -1, -1, -1, -1, 1])
+        if rng.random() < 0.4 and len(roots) + 2 <= count:
+            zeta = 10 ** rng.uniform(-2, 0)
+            roots += [size * (side * zeta + j * np.sqrt(1 - zeta**2)) for j in (1j, -1j)]
+        else:
+            roots.append(0.0 if rng.random() < 0.15 else side * size)
+    return roots
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_stability_of_random_loops_agrees_with_python_control(seed):
+    """The delay is Pade's of order 8 there, exact here; both sides of the boundary occur."""
+    rng = np.random.default_rng(seed)
+    poles = random_roots(rng, rng.integers(1, 7))
+    zeros = [z for z in random_roots(rng, rng.integers(0, len(poles))) if z]
+    G = control.zpk(zeros, poles, rng.choice([-1, 1]) * 10 ** rng.uniform(-2, 2))
+    delay = rng.choice([0.0, 0.3])
+    kind, wc = rng.choice(["P", "PI", "PDF", "PIDF"]), 10 ** rng.uniform(-1, 1)
+    C, info = pidtune(G, str(kind), wc=wc, pm=50.0, delay=delay)
+    if C is None:
+        return
+    lag = control.tf(*control.pade(delay, 8)) if delay else 1
+    assert info.Stable == (control.feedback(G * lag * C, 1).poles().real < 0).all()
+    if info.status == Status.OK and kind == "PIDF" and len(info.crossings) == 1:
+        assert info.Stable  # the branch of the phase is the right one, unstable poles and all
+
+
 POLES = st.floats(0.05, 20.0)
 
 
@@ -273,6 +305,24 @@ def test_a_wrong_plant_is_refused(arguments, message):
 def test_wrong_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         pidtune(control.sample_system(TRIPLE_LAG, 0.1), "PI", **options)
+
+
+@pytest.mark.parametrize("kind", ["P", "I", "PI", "PD", "PID"])
+def test_a_free_crossover_stays_below_nyquists_frequency(kind):
+    for num, den in (([1], [1, -1]), ([1], [1, -0.01]), ([1, 1], [1, -1.5, 0.9]), ([1], [1, 0])):
+        plant = control.tf(num, den, 1.0)
+        _, info = pidtune(plant, kind)
+        assert not info.CrossoverFrequency > np.pi
+
+
+def test_a_crossover_on_a_pole_is_told():
+    C, info = pidtune(control.tf(1, [1, 0, 1]), "PID", wc=1.0)
+    assert C is None and info.status == Status.UNREACHABLE and "infinite" in info.note
+
+
+def test_the_example_is_true():
+    assert doctest.testmod(tuning).attempted == 3
+    assert doctest.testmod(tuning).failed == 0
 
 
 def test_a_zero_plant_and_a_plant_that_never_falls_are_told():

@@ -56,8 +56,8 @@ _SOURCE = Template("""\
 
 #define ORDER ${guard}_ORDER
 
-static const double POLE = $a;  /* exp(-pole Ts) */
-static const double GAIN = $gain;  /* sqrt(1 - POLE^2) */
+static const double POLE = $a; /* exp(-pole Ts) */
+static const double GAIN = $gain; /* sqrt(1 - POLE^2) */
 static const double RIDGE = 1e-14; /* of the trace */
 
 void ${name}_start(${name}_state *state)

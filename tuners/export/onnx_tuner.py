@@ -82,7 +82,19 @@ def check(tuner: Any) -> Any:
             f"a tuner of kind {kind!r} is not exported: {reason}. Export ts-ff-lag or ts-gbm-lag, "
             "or one trained with Laguerre features."
         )
+    trained = _trained_features(stages[1])
+    if trained != stages[0].order:
+        raise ValueError(
+            f"the tuner has {trained} features, {stages[0].order} of them from the recording. "
+            "Export one that needs the recording alone."
+        )
     return tuner
+
+
+def _trained_features(learner: FeedForward | GBM) -> int:
+    if isinstance(learner, FeedForward):
+        return int(learner.W1.shape[1])
+    return int(learner.models[0].num_features())
 
 
 def compression(tuner: Any) -> Array:

@@ -46,8 +46,8 @@ _SOURCE = Template("""\
 
 #include <math.h>
 
-static const ${name}_real GAIN = $gain;     /* kp (1 + Ts/(2 Ti)) */
-static const ${name}_real STEP = $step;     /* kp Ts/Ti */
+static const ${name}_real GAIN = $gain; /* kp (1 + Ts/(2 Ti)) */
+static const ${name}_real STEP = $step; /* kp Ts/Ti */
 static const ${name}_real TRACKING = $tracking; /* Ts/Tt, back-calculation */
 static const ${name}_real LOW = $low;
 static const ${name}_real HIGH = $high;

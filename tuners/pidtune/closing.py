@@ -54,7 +54,7 @@ class Loop:
         return float(np.degrees(np.angle(-self(np.asarray(omega)))))
 
     def stable(self, near: float) -> bool:
-        """By the closed loop's poles; by a Nyquist count where a continuous delay has no end."""
+        """By the closed loop's poles; by a Nyquist count where a delay leaves infinitely many."""
         num, den = self.plant.polynomials()
         num = np.polymul(num, self.controller.num[0][0])
         den = np.polymul(den, self.controller.den[0][0])

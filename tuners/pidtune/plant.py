@@ -103,7 +103,7 @@ class Plant:
         """Frequency response [rad/s], by python-control; the delay is exact."""
         omega = np.asarray(omega, dtype=float)
         at = np.exp(1j * omega * self.Ts) if self.Ts else 1j * omega
-        return np.asarray(self.system(at) * np.exp(-1j * omega * self.delay))
+        return np.asarray(self.system(at, warn_infinite=False) * np.exp(-1j * omega * self.delay))
 
     def warped(self, omega: Array) -> Array:
         """Frequency in the plane of the roots."""
@@ -124,6 +124,10 @@ class Plant:
         at = 2 / self.Ts * np.arctan(size * self.Ts / 2) if self.Ts else size
         matters = self.delay and (not len(at) or 1 / self.delay < 10 * at.max())
         return np.asarray(np.append(at, 1 / self.delay) if matters else at)
+
+    def largest_crossover(self) -> float:
+        """Beyond which no discrete loop is designed, nine tenths of Nyquist's [rad/s]."""
+        return 0.9 * np.pi / self.Ts if self.Ts else np.inf
 
     def polynomials(self) -> tuple[Array, Array]:
         """Numerator and denominator in s or z; the delay of a discrete system is in them."""

@@ -1,12 +1,4 @@
-"""``pidtune``: the design rule of `yawrate_env.design` for any plant and any PID.
-
-Where no crossover is wanted, one is chosen.  This is our rule, not MATLAB's, whose search
-is unpublished: the highest frequency, within the plant's corners or a decade of them, at
-which the plant's phase still leaves the margin when the controller supplies what its kind
-supplies best (`tuners.pidtune.law.KINDS`; for a PI no more than half of the lag that the
-plant leaves it at low frequency).  Where that loop is not stable, or misses the target,
-crossovers a factor of 2, 4, ... below and above are tried.
-"""
+"""``pidtune``: the design rule of `yawrate_env.design` for any plant and any PID."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.pidtune.closing import Loop
+from tuners.pidtune.crossover import free_crossovers, needed_phase
 from tuners.pidtune.law import FILTER_LAG, KINDS, Kind, law, reach
 from tuners.pidtune.plant import Plant
 from yawrate_env import validation
@@ -24,7 +17,6 @@ Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # rad
 _MET = 1e-6  # relative, of crossover and margin
-_OTHERS = (1, 1 / 2, 2, 1 / 4, 4, 1 / 8, 8, 1 / 16, 16)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +74,8 @@ def pidtune(
     Parameters
     ----------
     sys : control.TransferFunction or control.StateSpace
-        One input, one output, continuous or discrete, stable or not.
+        One input, one output, continuous or discrete, stable or not.  In z, a transfer
+        function of high order loses digits near z = 1; a state space does not.
     kind : {"PI", "P", "I", "PD", "PDF", "PID", "PIDF"}
         P and I meet the crossover only.  In discrete time a PD and a PID take the
         derivative as a backward difference, which is the filter ``Tf = Ts/2``.
@@ -107,7 +100,7 @@ def pidtune(
     >>> import control
     >>> C, info = pidtune(control.tf(1, [1, 3, 3, 1]), "PI", wc=0.5)
     >>> round(info.Kp, 3), round(info.PhaseMargin, 6), info.Stable
-    (1.089, 60.0, True)
+    (1.066, 60.0, True)
     """
     form = KINDS[validation.one_of("kind", str(kind).upper(), tuple(KINDS))]
     validation.number("pm", pm, above=0.0, at_most=180.0, remedy="Give it in degrees.")
@@ -117,54 +110,23 @@ def pidtune(
             raise ValueError(f"Tf = {Tf:g} s is for kinds PDF and PIDF. Choose one of these.")
     plant = Plant.of(sys, delay)
     if wc is not None:
-        bound = 0.9 * np.pi / plant.Ts if plant.Ts else np.inf
-        validation.number("wc", wc, above=0.0, at_most=bound,
+        validation.number("wc", wc, above=0.0, at_most=plant.largest_crossover(),
                           remedy="Give it in rad/s, below Nyquist's frequency.")  # fmt: skip
         return _tuned(plant, form, float(wc), pm, Tf)
-    start = free_crossover(plant, form, pm)
-    tried = (_tuned(plant, form, start * k, pm, Tf) for k in _OTHERS)
+    tried = (_tuned(plant, form, w, pm, Tf) for w in free_crossovers(plant, form, pm))
     first = next(tried)
     good = (found for found in (first, *tried) if found[1].Stable and found[1].status == Status.OK)
     return next(good, first)
-
-
-def free_crossover(plant: Plant, kind: Kind, pm: float) -> float:
-    """Crossover by our rule [rad/s]."""
-    from scipy.optimize import brentq
-
-    corners = plant.corners()
-    if not len(corners):
-        return 0.1 * np.pi / plant.Ts if plant.Ts else 1.0  # no time scale: any will do
-    low, high = corners.min() / 10, corners.max() * 10
-    if plant.Ts:
-        high = min(high, 0.5 * np.pi / plant.Ts)
-    grid = np.geomspace(low, max(high, 2 * low), 500)
-    needed = _needed(plant, grid, pm)
-    wanted = kind.free_phase
-    if kind.zeros == kind.integrators == 1:
-        wanted = max(wanted, needed[0] / 2)
-    possible = np.flatnonzero(needed <= wanted)
-    if not len(possible):
-        return float(grid[np.argmin(needed)])
-    i = possible[-1]
-    if i + 1 == len(grid):
-        return float(grid[i])
-    return float(brentq(lambda w: _needed(plant, w, pm) - wanted, grid[i], grid[i + 1]))
-
-
-def _needed(plant: Plant, omega: Any, pm: float) -> Any:
-    """Phase that the controller must supply at `omega` [rad]."""
-    return np.radians(pm) - np.pi - plant.phase(omega)
 
 
 def _tuned(plant: Plant, kind: Kind, wc: float, pm: float, Tf: float | None) -> tuple[Any, Info]:
     v = float(plant.warped(np.asarray(wc)))
     Tf = _filter_time(plant, kind, v, Tf)
     G = complex(plant(np.asarray(wc)))
-    needed = float(_needed(plant, wc, pm))
-    low, high = reach(kind, v, Tf)
     if not (np.isfinite(G) and G):
         return None, _nothing("The plant's response at wc is zero or infinite: move wc.")
+    needed = float(needed_phase(plant, wc, pm))
+    low, high = reach(kind, v, Tf)
     if kind.zeros:
         statuses, phases = within_reach(np.array([needed]), low, high)
         status, phase = Status(statuses[0]), float(phases[0])
