@@ -26,7 +26,7 @@ class Loop:
         """Frequency response [rad/s]."""
         omega = np.asarray(omega, dtype=float)
         at = np.exp(1j * omega * self.plant.Ts) if self.plant.Ts else 1j * omega
-        return np.asarray(self.plant(omega) * self.controller(at))
+        return np.asarray(self.plant(omega) * self.controller(at, warn_infinite=False))
 
     def crossings(self, near: float) -> Array:
         """Where the magnitude passes 1 [rad/s], ascending.
@@ -34,16 +34,26 @@ class Loop:
         Looked for on a logarithmic grid that contains every corner frequency, hence every
         resonance, and refined between its points.
         """
+        grid = np.log(self._grid(near))
+        passed = np.flatnonzero(np.diff(self._level(grid) >= 0.0))
+        return np.exp([self._crossing(grid[i], grid[i + 1]) for i in passed])
+
+    def _crossing(self, low: float, high: float) -> float:
         from scipy.optimize import brentq
 
-        grid = self._grid(near)
-        above = np.abs(self(grid)) >= 1.0
-        return np.array(
-            [
-                brentq(lambda w: float(np.abs(self(w))) - 1.0, grid[i], grid[i + 1], rtol=1e-14)
-                for i in np.flatnonzero(above[1:] != above[:-1])
-            ]
-        )
+        def level(x: float) -> float:
+            return float(self._level(np.asarray(x)))
+
+        # An end within rounding of magnitude 1 can change sides when it is evaluated alone.
+        if level(low) * level(high) > 0:
+            return low if abs(level(low)) < abs(level(high)) else high
+        return float(brentq(level, low, high, xtol=1e-15))
+
+    def _level(self, x: Array) -> Array:
+        """Logarithm of the magnitude at exp(x); high on a pole."""
+        with np.errstate(divide="ignore"):
+            found = np.log(np.abs(self(np.exp(x))))
+        return np.clip(np.where(np.isnan(found), 700.0, found), -700.0, 700.0)
 
     def falls_for_good(self, near: float) -> bool:
         """Whether the magnitude ends below 1."""
@@ -85,6 +95,8 @@ class Loop:
             return np.asarray(np.angle(closed))
 
         large = grid[np.abs(self(grid)) > 0.1].max(initial=0.0)
+        if large * delay > _POINTS:
+            return 1  # so many turns of the delay are not counted: not shown to be stable
         grid = np.concatenate([[0.0], grid, np.arange(0.0, large, np.pi / (8 * delay))])
         grid = np.unique(grid)
         for _ in range(60):
@@ -97,7 +109,7 @@ class Loop:
         return int(np.round((len(den) - 1) / 2 - turned / np.pi))
 
     def _grid(self, near: float) -> Array:
-        corners = np.append(self.plant.corners(), near)
+        corners = np.append(self.plant.corners, near)
         low, high = corners.min() / 10**_DECADES, corners.max() * 10**_DECADES
         if self.plant.Ts:
             nyquist = np.pi / self.plant.Ts

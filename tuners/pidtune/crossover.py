@@ -33,7 +33,7 @@ def free_crossovers(plant: Plant, kind: Kind, pm: float) -> Iterator[float]:
 def _best(plant: Plant, kind: Kind, pm: float) -> float:
     from scipy.optimize import brentq
 
-    corners = plant.corners()
+    corners = plant.corners
     limit = plant.largest_crossover()
     if not len(corners):
         return limit / 9 if plant.Ts else 1.0  # no time scale: any will do

@@ -7,24 +7,19 @@ for both, and Tustin's formula takes the controller back without any error at `o
 An argument is known only up to full turns, and the rule needs them.  With n poles in the
 right half plane, a loop that is large below the crossover and small above it is stable
 exactly if its phase, followed from -180 n degrees (and -90 more for each integrator) at
-low frequency, is between -180 and 180 degrees at the crossover.  That branch is a sum over
-the roots:
+low frequency, is between -180 and 180 degrees at the crossover.  On that branch
 
-==========================  =================================
-root                        phase
-==========================  =================================
-pole, left or on the axis   0 to -180 for a pair, 0 to -90 alone
-pole, right                 -180 to -90
-zero, left                  0 to 90
-zero, right                 0 to -90
-pole, zero at the origin    -90, 90
-==========================  =================================
+* a pole at the origin gives -90 degrees, one to the left or on the axis goes from 0 to -90
+  (a pair to -180), one to the right from -180 to -90 (a pair from -360 to -180);
+* the numerator starts from 90 degrees for each zero at the origin, and is followed from
+  there step by step.  Its roots are not used: those of a state space scatter, and a zero
+  that is really at infinity comes out anywhere.
 
-It presumes a positive gain at low frequency.  A plant that lacks it is turned by its
-`sign`, and so is the controller then.
+The branch presumes a positive gain at low frequency.  A plant that lacks it is turned by
+its `sign`, and so is the controller then.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -34,7 +29,11 @@ from yawrate_env import validation
 
 Array = NDArray[np.float64]
 
-_ROOTS = 1e-9  # of the largest root: the rounding of a root at the origin or on the axis
+_ROUNDING = 1e-9  # of the largest pole: what a pole at the origin or on the axis may be off
+_DEFECTIVE = 1e-6  # the same where two of them have parted, as they do in a state space
+_BELOW, _ABOVE = 100, 10  # the numerator is followed this far beyond the corners
+_A_DECADE = 50
+_POINTS = 4000  # at most, to follow it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,85 +44,64 @@ class Plant:
     ----------
     system : control.TransferFunction or control.StateSpace
         Without the delay.
-    zeros, poles : NDArray
+    poles : NDArray
         In the s plane, or in the bilinear plane of a discrete system [rad/s].
+    corners : NDArray
+        Where poles, zeros and the delay are, as frequencies [rad/s].
     Ts : float
         Sampling time [s]; 0 for a continuous system.
     delay : float
         Pure delay [s].
     sign : float
         Of the controller's gains, 1 or -1.
+    followed : tuple of NDArray
+        Frequencies [rad/s], and the phase of the numerator there [rad].
     """
 
     system: Any
-    zeros: NDArray[np.complex128]
     poles: NDArray[np.complex128]
+    corners: Array
     Ts: float
     delay: float
-    sign: float
+    sign: float = 1.0
+    followed: tuple[Array, Array] = (np.ones(1), np.zeros(1))
 
     @classmethod
     def of(cls, sys: Any, delay: float) -> Self:
-        """Check a python-control system and find its roots."""
-        import control
-
-        if not isinstance(sys, control.TransferFunction | control.StateSpace):
-            raise ValueError(
-                f"sys is a {type(sys).__name__}, wanted a control.TransferFunction or "
-                "control.StateSpace. Build one with control.tf or control.ss."
-            )
-        if (sys.ninputs, sys.noutputs) != (1, 1):
-            raise ValueError(
-                f"sys has {sys.ninputs} inputs and {sys.noutputs} outputs, wanted one of each. "
-                "Choose a channel with sys[i, j]."
-            )
-        if sys.dt is True:
-            raise ValueError("sys.dt = True is no sampling time. Give it in seconds.")
+        """Check a python-control system, find its poles and follow its phase."""
+        _check(sys)
         Ts = float(sys.dt or 0.0)
-        zeros, poles = (np.asarray(roots, complex) for roots in (sys.zeros(), sys.poles()))
-        if len(zeros) > len(poles):
-            raise ValueError(
-                f"sys has {len(zeros)} zeros and {len(poles)} poles, and is not proper. "
-                "Add the poles that limit its bandwidth."
-            )
         delay = validation.number("delay", delay, at_least=0.0, remedy="Give it in seconds.")
         if Ts and abs(delay / Ts - round(delay / Ts)) > 1e-9 * max(1.0, delay / Ts):
             raise ValueError(
                 f"delay = {delay:g} s is not a multiple of the sampling time {Ts:g} s. Sample the "
                 "continuous system with its delay instead."
             )
+        zeros, poles = _roots(sys)
         if Ts:
-            excess = len(poles) - len(zeros)
-            zeros = np.append(_bilinear(zeros, Ts), np.full(excess, 2 / Ts))
-            poles = _bilinear(poles, Ts)
-        plant = cls(sys, zeros, poles, Ts, delay, 1.0)
-        return cls(sys, zeros, poles, Ts, delay, plant._low_frequency_sign())
+            zeros, poles = _bilinear(zeros, Ts), _bilinear(poles, Ts)
+        plant = cls(sys, poles, _corners(zeros, poles, Ts, delay), Ts, delay)
+        return replace(plant, **plant._follow())
 
     def __call__(self, omega: Array) -> NDArray[np.complex128]:
         """Frequency response [rad/s], by python-control; the delay is exact."""
         omega = np.asarray(omega, dtype=float)
         at = np.exp(1j * omega * self.Ts) if self.Ts else 1j * omega
-        return np.asarray(self.system(at, warn_infinite=False) * np.exp(-1j * omega * self.delay))
+        with np.errstate(invalid="ignore"):  # infinite on a pole
+            value = self.system(at, warn_infinite=False) * np.exp(-1j * omega * self.delay)
+        return np.asarray(value)
 
     def warped(self, omega: Array) -> Array:
-        """Frequency in the plane of the roots."""
+        """Frequency in the plane of the poles."""
         return np.asarray(2 / self.Ts * np.tan(omega * self.Ts / 2) if self.Ts else omega)
 
     def phase(self, omega: Array) -> Array:
         """Phase of ``sign G`` in full turns [rad]."""
         omega = np.asarray(omega, dtype=float)
-        followed = self._phase_by_roots(self.warped(omega)) - omega * self.delay
+        about = self._pole_phase(omega) - omega * self.delay
+        about += np.interp(np.log(omega), np.log(self.followed[0]), self.followed[1])
         angle = np.angle(self.sign * self(omega))
-        return np.asarray(angle + 2 * np.pi * np.round((followed - angle) / (2 * np.pi)))
-
-    def corners(self) -> Array:
-        """Where the roots are, and the delay, as frequencies [rad/s]."""
-        roots = np.concatenate([self.zeros, self.poles])
-        size = np.unique(np.abs(roots))
-        size = size[size > self._rounding()]
-        at = 2 / self.Ts * np.arctan(size * self.Ts / 2) if self.Ts else size
-        matters = self.delay and (not len(at) or 1 / self.delay < 10 * at.max())
-        return np.asarray(np.append(at, 1 / self.delay) if matters else at)
+        return np.asarray(angle + 2 * np.pi * np.round((about - angle) / (2 * np.pi)))
 
     def largest_crossover(self) -> float:
         """Beyond which no discrete loop is designed, nine tenths of Nyquist's [rad/s]."""
@@ -133,42 +111,105 @@ class Plant:
         """Numerator and denominator in s or z; the delay of a discrete system is in them."""
         import control
 
-        rational = control.tf(self.system)
-        num, den = rational.num[0][0], rational.den[0][0]
+        if isinstance(self.system, control.StateSpace):
+            A, B, C, D = self.system.A, self.system.B, self.system.C, self.system.D
+            den = np.poly(A).real
+            num = np.poly(A - B @ C).real + (D[0, 0] - 1) * den
+        else:
+            num, den = self.system.num[0][0], self.system.den[0][0]
         samples = round(self.delay / self.Ts) if self.Ts else 0
-        return np.asarray(num), np.append(den, np.zeros(samples))
+        return np.asarray(num, dtype=float), np.append(den, np.zeros(samples))
 
-    def _rounding(self) -> float:
-        largest = np.abs(np.concatenate([self.zeros, self.poles])).max(initial=0.0)
-        return float(_ROOTS * max(largest, 2 / self.Ts if self.Ts else 0.0))
-
-    def _phase_by_roots(self, v: Array) -> Array:
-        total = np.zeros(np.shape(v))
-        limit = self._rounding()
-        for roots, direction in ((self.zeros, 1), (self.poles, -1)):
-            for root in roots:
-                if abs(root) <= limit:
-                    total += direction * np.pi / 2
-                elif root.real <= limit:
-                    total += direction * np.angle(1j * v - min(root.real, 0.0) - 1j * root.imag)
-                elif direction == 1:
-                    total += np.angle(root - 1j * v)
-                else:
-                    total -= np.angle(1j * v - root) % (2 * np.pi)
+    def _pole_phase(self, omega: Array) -> Array:
+        v, total = self.warped(omega), np.zeros(np.shape(omega))
+        limit = _ROUNDING * np.abs(self.poles).max(initial=0.0)
+        for pole in self.poles:
+            if abs(pole) <= limit:
+                total -= np.pi / 2
+            elif pole.real <= limit:
+                total -= np.angle(1j * v - min(pole.real, 0.0) - 1j * pole.imag)
+            else:
+                total -= np.angle(1j * v - pole) % (2 * np.pi)
         return total
 
-    def _low_frequency_sign(self) -> float:
-        """Sign of the numerator at s = 0 where the denominator is monic, roots there left out."""
-        v = np.pi * max(self._rounding() / _ROOTS, 1.0)  # not on a root
-        omega = 2 / self.Ts * np.arctan(v * self.Ts / 2) if self.Ts else v
-        undelayed = self(np.asarray(omega)) * np.exp(1j * omega * self.delay)
-        leading = (
-            undelayed * np.prod((1j * v - self.poles) / v) / np.prod((1j * v - self.zeros) / v)
+    def _follow(self) -> dict[str, Any]:
+        """`sign`, and `followed` from below the first corner to above the last."""
+        low, high = self._span()
+        grid = np.geomspace(low, high, int(_A_DECADE * np.log10(high / low)) + 2)
+        grid = np.unique(np.append(grid, self.corners[self.corners < high] * (1 + 1e-9)))
+        while True:
+            phase = np.unwrap(np.angle(self(grid)) + grid * self.delay - self._pole_phase(grid))
+            coarse = np.flatnonzero(np.abs(np.diff(phase)) > np.pi / 4)
+            if not len(coarse) or len(grid) > _POINTS:
+                break
+            middle = np.sqrt(grid[coarse] * grid[coarse + 1])
+            narrow = np.diff(grid)[coarse] < 1e-12 * grid[coarse]  # a zero on the axis
+            if narrow.all():
+                break
+            grid = np.sort(np.append(grid, middle[~narrow]))
+        start = self._zeros_at_the_origin(low) * np.pi / 2
+        halves = round(float((phase[0] - start) / np.pi))
+        return {"sign": (-1.0) ** halves, "followed": (grid, phase - halves * np.pi)}
+
+    def _zeros_at_the_origin(self, low: float) -> int:
+        """By the slope of the numerator's magnitude."""
+        omega = np.array([low, 2 * low])
+        size = np.abs(self(omega)) * np.prod(
+            np.abs(1j * self.warped(omega)[:, None] - self.poles), axis=1
         )
-        right = (self.zeros.real > self._rounding()) & (
-            np.abs(self.zeros.imag) <= 1e-9 * np.abs(self.zeros)
+        return round(float(np.log2(size[1] / size[0]))) if size.all() else 0
+
+    def _span(self) -> tuple[float, float]:
+        corners = self.corners if len(self.corners) else np.ones(1)
+        high = np.pi / self.Ts * (1 - 1e-9) if self.Ts else corners.max() * _ABOVE
+        return min(corners.min(), high) / _BELOW, high
+
+
+def _check(sys: Any) -> None:
+    import control
+
+    if not isinstance(sys, control.TransferFunction | control.StateSpace):
+        raise ValueError(
+            f"sys is a {type(sys).__name__}, wanted a control.TransferFunction or "
+            "control.StateSpace. Build one with control.tf or control.ss."
         )
-        return float(np.sign(leading.real) or 1.0) * (-1.0) ** int(right.sum())
+    if (sys.ninputs, sys.noutputs) != (1, 1):
+        raise ValueError(
+            f"sys has {sys.ninputs} inputs and {sys.noutputs} outputs, wanted one of each. "
+            "Choose a channel with sys[i, j]."
+        )
+    if sys.dt is True:
+        raise ValueError("sys.dt = True is no sampling time. Give it in seconds.")
+    zeros, poles = _roots(sys)
+    if isinstance(sys, control.TransferFunction) and len(zeros) > len(poles):
+        raise ValueError(
+            f"sys has {len(zeros)} zeros and {len(poles)} poles, and is not proper. "
+            "Add the poles that limit its bandwidth."
+        )
+
+
+def _roots(sys: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Zeros and poles; of a transfer function's own polynomials, which control would normalise."""
+    import control
+
+    if isinstance(sys, control.TransferFunction):
+        zeros, poles = np.roots(sys.num[0][0]), np.roots(sys.den[0][0])
+    else:
+        zeros, poles = sys.zeros(), sys.poles()
+    return np.asarray(zeros, dtype=complex), np.asarray(poles, dtype=complex)
+
+
+def _corners(
+    zeros: NDArray[np.complex128], poles: NDArray[np.complex128], Ts: float, delay: float
+) -> Array:
+    """Poles, the zeros that are not far beyond them, and the delay."""
+    size, fastest = np.abs(poles), np.abs(poles).max(initial=0.0)
+    nearby = np.abs(zeros)[np.abs(zeros) <= 10 * fastest] if fastest else np.abs(zeros)
+    size = np.unique(np.append(size, nearby))
+    size = size[size > _DEFECTIVE * max(fastest, 2 / Ts if Ts else 0.0)]
+    at = 2 / Ts * np.arctan(size * Ts / 2) if Ts else size
+    matters = delay and (not len(at) or 1 / delay < 10 * at.max())
+    return np.asarray(np.append(at, 1 / delay) if matters else at)
 
 
 def _bilinear(roots: NDArray[np.complex128], Ts: float) -> NDArray[np.complex128]:
