@@ -74,8 +74,9 @@ def pidtune(
     Parameters
     ----------
     sys : control.TransferFunction or control.StateSpace
-        One input, one output, continuous or discrete, stable or not.  In z, a transfer
-        function of high order loses digits near z = 1; a state space does not.
+        One input, one output, continuous or discrete, stable or not.  Polynomials in z
+        whose roots crowd near z = 1 lose digits: with five or six of them at fast sampling
+        the margin is met to about 1e-4 degrees only.
     kind : {"PI", "P", "I", "PD", "PDF", "PID", "PIDF"}
         P and I meet the crossover only.  In discrete time a PD and a PID take the
         derivative as a backward difference, which is the filter ``Tf = Ts/2``.
