@@ -22,6 +22,7 @@ from tuners.recording import Recording
 from tuners.stopwatch import Contender, Times, race
 from tuners.tuner import Tuner, nominal_context
 from yawrate_env.batch import take
+from yawrate_env.compiled import LANES
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.episode import Draw, plants, record
 from yawrate_env.simulation import simulate
@@ -142,10 +143,11 @@ def growth(sizes: Sequence[int]) -> dict[str, list[dict[str, float]]]:
     Memory is the process's largest so far: measure in a fresh one.
     """
     found: dict[str, list[dict[str, float]]] = {"episodes": [], "samples": []}
+    _dataset(LANES, Experiment())  # loads the kernels
     for size in sizes:
         found["episodes"].append({"size": size, **_dataset(size, Experiment())})
     for N in (1_000, 10_000, 100_000, 1_000_000):
-        count = int(np.clip(2_000_000 // N, 16, 256))  # at least a block, at most a chunk
+        count = int(np.clip(4_000_000 // N, 2 * LANES, 256))  # no core waits, memory is bounded
         found["samples"].append({"size": N, **_dataset(count, Experiment(N=N))})
     return found
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from tuners.plots import INK, STYLE, WIDTH, colour
 from tuners.speed import TUNERS
+from tuners.stopwatch import PACKAGES
 
 MARKERS = ("o", "s", "^")
 
@@ -24,6 +25,9 @@ def to_markdown(result: dict[str, Any]) -> str:
         f"take turns in one process, {result['rounds']} rounds (those that take seconds: 3); "
         "times are medians (least to most), ratios are medians within a round.",
     ]
+    missing = [name for name in PACKAGES if name not in result["versions"]]
+    if missing:
+        lines += ["", f"Not installed, so without their rows: {', '.join(missing)}."]
     for title, contenders in result["stages"].items():
         lines += ["", f"## {title}", "", *_table("time an episode [ms]|times the first row's")]
         for name, found in contenders.items():
