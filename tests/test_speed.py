@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from recordings import drawn, recorded
 
 from tuners import rivals, speed, speed_page
-from tuners.gray_box import identify
+from tuners.identification import identify
 from tuners.laguerre import Laguerre
 from tuners.stopwatch import Contender, race
 from tuners.tuner import nominal_context

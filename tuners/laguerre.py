@@ -71,10 +71,22 @@ class Laguerre:
         -------
         (B, order + E) float64
         """
-        if len(u) == 1:
-            return _fit(np.concatenate([self.regressors(u, Ts)[0], extra]), y)
-        gram, right = self._normal_equations(u, y, Ts, extra)
-        return np.asarray(np.linalg.solve(_lifted(gram), right[..., None])[..., 0])
+        gram, right = self.normal_equations(u, y, Ts, extra)
+        return np.asarray(np.linalg.solve(lifted(gram), right[..., None])[..., 0])
+
+    def frequency_response(self, omega: Array, Ts: float) -> NDArray[np.complex128]:
+        """Response of every function at `omega` [rad/s], (order, F)."""
+        a, z = self._discrete_pole(Ts), np.exp(1j * omega * Ts)
+        section = (1 - a * z) / (z - a)
+        first = np.sqrt(1 - a * a) / (z - a)
+        return np.asarray(first * section ** np.arange(self.order)[:, None])
+
+    def normal_equations(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
+        """Both sides, (1 or B, order + E, order + E) and (B, order + E); as for `coefficients`."""
+        if len(u) > 1:
+            return self._own_inputs(u, y, Ts, extra)
+        phi = np.concatenate([self.regressors(u, Ts)[0], extra])
+        return _products(phi, phi)[None], _right_sides(phi, y)
 
     def regressors(self, u: Array, Ts: float) -> Array:
         """Filtered inputs, (E, order, N)."""
@@ -83,8 +95,8 @@ class Laguerre:
             _filter(np.ascontiguousarray(row), self._discrete_pole(Ts), filtered)
         return out
 
-    def _normal_equations(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
-        """Both sides for episodes with an input each, (B, order + E, order + E or 1)."""
+    def _own_inputs(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
+        """`normal_equations` of episodes with an input each."""
         n, a = self.order, self._discrete_pole(Ts)
         run, rows = _pass(n, len(extra)), 3 * n + 4 + len(extra) * (n + 1)
         sums = np.empty((len(y), rows))
@@ -113,18 +125,18 @@ class Laguerre:
         return float(np.exp(-self.pole * Ts))
 
 
-def _fit(phi: Array, y: Array) -> Array:
-    """Least squares of outputs (B, N) on regressors (n, N) that they share, (B, n)."""
-    matrix, values = _lifted(_products(phi, phi)), np.empty((len(y), len(phi)))
+def _right_sides(phi: Array, y: Array) -> Array:
+    """Products of outputs (B, N) with regressors (n, N) that they share, (B, n)."""
+    values = np.empty((len(y), len(phi)))
 
     def some(i: int, j: int) -> None:
-        values[i:j] = np.linalg.solve(matrix, _products(phi, y[i:j])).T
+        values[i:j] = _products(phi, y[i:j]).T
 
     over_blocks(some, len(y), _EPISODES)
     return values
 
 
-def _lifted(gram: Array) -> Array:
+def lifted(gram: Array) -> Array:
     """Gram matrices (..., n, n) that an input of zeros, which has no solution, leaves regular.
 
     Orthonormal functions and a broad-band input keep the normal equations well

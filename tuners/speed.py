@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tuners import catalogue, rivals, throughput
 from tuners.armax import armax
 from tuners.datasets import simulate_dataset
-from tuners.gray_box import identify
+from tuners.identification import identify
 from tuners.laguerre import Laguerre
 from tuners.recording import Recording
 from tuners.stopwatch import Contender, Times, race

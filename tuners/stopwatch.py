@@ -80,12 +80,17 @@ def spread(values: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float]:
 
 def machine() -> str:
     """Processor and cores."""
-    name = platform.processor() or platform.machine()
+    return f"{processor()}, {cores()} cores"
+
+
+def processor() -> str:
+    """What kind of processor this machine has."""
     if os.path.exists("/proc/cpuinfo"):
         with open("/proc/cpuinfo") as file:
-            named = [line.split(":", 1)[1].strip() for line in file if "model name" in line]
-        name = named[0] if named else name
-    return f"{name}, {cores()} cores"
+            for line in file:
+                if line.startswith("model name"):
+                    return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
 
 
 def versions() -> dict[str, str]:
