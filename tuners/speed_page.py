@@ -74,7 +74,7 @@ def _answers(axes: Axes, found: dict[str, Any]) -> None:
     axes.set_xlabel("time an episode, from raw arrays to gains [ms]")
     axes.set_yticks(range(len(TUNERS)), TUNERS)
     axes.grid(False, axis="y")
-    axes.legend(loc="best")
+    axes.legend(loc="lower left")
 
 
 def _growth(axes: Axes, what: str, rows: Sequence[dict[str, float]]) -> None:
