@@ -59,3 +59,13 @@ env.reset(seed=0)
 assert -5 <= env.step(env.action_space.sample())[1] <= 0
 """
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+@pytest.mark.parametrize("limit, found", [("1", 1), ("", None), ("0", None), ("4,2", None)])
+def test_workers_are_told_how_many_cores_they_have(limit, found, monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    processors = compiled.cores()
+    monkeypatch.setenv("OMP_NUM_THREADS", limit)
+    assert compiled.cores() == (found or processors)
+    monkeypatch.setenv("OMP_NUM_THREADS", str(processors + 1))
+    assert compiled.cores() == processors
