@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 import numpy as np
+import psutil
 import pyarrow.parquet as pq
 import pytest
 
@@ -195,7 +196,7 @@ def test_a_context_set_of_its_own_prior_is_remembered(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "episodes, raw, size", [(1e6, False, 8192), (1e6, True, 512), (1e8, False, 97_657)]
+    "episodes, raw, size", [(1e6, False, 4096), (1e6, True, 512), (1e8, False, 97_657)]
 )
 def test_shards_by_default(episodes, raw, size):
     assert shard_size(int(episodes), raw) == size
@@ -374,7 +375,7 @@ def test_results_do_not_pile_up(monkeypatch):
     @contextmanager
     def threads(count, scheduler):
         with ThreadPoolExecutor(count) as pool:
-            yield pool, count
+            yield pool, lambda: count
 
     monkeypatch.setattr(workers, "_executor", threads)
     started = []
@@ -428,6 +429,21 @@ def test_killed_ten_times_at_random(tmp_path, undisturbed):
     )
     finished = [int(count) for count in done.stdout.split()]
     assert len(finished) == 10 and finished[-1] > finished[0]  # some were killed half-way
+    made(tmp_path / "data")
+    assert contents(tmp_path / "data") == undisturbed
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_ends_the_run_and_loses_nothing(tmp_path, undisturbed):
+    def kill(what, done, of):
+        if done:
+            for process in psutil.Process().children():
+                if any("LokyProcess" in word for word in process.cmdline()):
+                    process.kill()
+
+    with pytest.raises(DatasetError, match="A worker died.*what is finished stays"):
+        made(tmp_path / "data", count=2, progress=kill)
+    assert 0 < len(Manifest.read(tmp_path / "data").shards) < 6
     made(tmp_path / "data")
     assert contents(tmp_path / "data") == undisturbed
 

@@ -64,7 +64,7 @@ def generate(
     out : path
         A new folder, or one of the same configuration that is not finished.
     shard_size : int, optional
-        Episodes a file; 8192, more from eight million episodes on, or 512 with recordings.
+        Episodes a file; 4096, more from four million episodes on, or 512 with recordings.
     workers : int, optional
         Processes; all cores.
     scheduler : str, optional

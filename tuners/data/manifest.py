@@ -24,7 +24,7 @@ from yawrate_env.task import Prior, Task
 
 FORMAT = "yawrate-dataset 1"
 FILE = "_manifest.json"  # what begins so is no part of the table to Arrow, pandas and Spark
-RAW_SHARD_SIZE, SHARD_SIZE, SHARDS = 512, 8192, 1024
+RAW_SHARD_SIZE, SHARD_SIZE, SHARDS = 512, 4096, 1024
 """Episodes a file with and without recordings, and how many files there are at most."""
 
 LIBRARIES = ("numpy", "numba", "pyarrow")
