@@ -42,6 +42,11 @@ def kernel(function: _Function) -> _Function:
         return njit(**options)(function)  # type: ignore[no-any-return]
 
 
+def inlined(function: _Function) -> _Function:
+    """Compile `function` into the kernels that call it; a call would end vectorisation."""
+    return njit(inline="always", error_model="numpy")(function)  # type: ignore[no-any-return]
+
+
 def cores() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yawrate_env import validation
-from yawrate_env.compiled import kernel
+from yawrate_env.compiled import inlined
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,10 +101,15 @@ def lateral_force(
 # by side, so polynomials take their place, good to 3e-13.
 
 
-@kernel
+_HALF_PI = 0.5 * np.pi
+
+
+@inlined
 def arctan(x: float) -> float:
-    """Arctangent, by half the angle and a minimax polynomial on [-1, 1]."""
-    s = x / (1.0 + np.sqrt(1.0 + x * x))
+    """Arctangent, by a minimax polynomial on [-1, 1] and ``pi/2 - arctan(1/x)`` beyond."""
+    size = abs(x)
+    large = size > 1.0
+    s = (-1.0 if large else size) / (size if large else 1.0)
     w = s * s
     p = 0.0001704604046618824
     p = p * w - 0.0014666686334116588
@@ -121,10 +126,11 @@ def arctan(x: float) -> float:
     p = p * w + 0.1999999901342103
     p = p * w - 0.3333333332025471
     p = p * w + 0.99999999999971
-    return 2.0 * s * p
+    angle = s * p + (_HALF_PI if large else 0.0)
+    return angle if x >= 0.0 else -angle
 
 
-@kernel
+@inlined
 def sine(x: float) -> float:
     """Sine between -pi and pi, by its Taylor series."""
     w = x * x
@@ -142,7 +148,7 @@ def sine(x: float) -> float:
     return x + x * w * p
 
 
-@kernel
+@inlined
 def axle_force(
     slip: float,
     xx: float,

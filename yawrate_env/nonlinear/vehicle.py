@@ -87,7 +87,7 @@ class Body:
 AXLE = 6
 PEAK, FADE, STIFFNESS, NN, TRANSFER, LENGTH = range(AXLE)
 REAR = AXLE
-(RELAX_F, RELAX_R, MASS, INERTIA, ROLL, DRAG, SPEED, SHAPE, CURVATURE, OMEGA, XI, ANGLE_MAX,
+(PER_RELAX_F, PER_RELAX_R, PER_MASS, PER_INERTIA, PER_ROLL, DRAG, SPEED, SHAPE, CURVATURE, OMEGA, XI, ANGLE_MAX,
  RATE_MAX, STEP, STEPS) = range(2 * AXLE, 2 * AXLE + 15)  # fmt: skip
 HALF = 2 * AXLE + 15  # the actuator over half a step and a whole one, 2 x 2 each
 PARAMETERS = HALF + 8
@@ -97,7 +97,8 @@ STATES = 6
 STATE, STAGE, SUM = (PARAMETERS + i * STATES for i in range(3))
 YAW_RATE, FORWARD = STATE + 1, STATE + 2
 ANGLE, RATE, COMMAND = range(PARAMETERS + 3 * STATES, PARAMETERS + 3 * STATES + 3)
-CUTS = COMMAND + 1
+SPAN, WHEEL = COMMAND + 1, COMMAND + 2  # of the stage
+CUTS = WHEEL + 1
 ROWS = CUTS + PIECES * PIECE
 
 
@@ -125,9 +126,9 @@ def packed(
         work[:, axle + NN] = (load / tyre.stiffest_load) ** 2
         work[:, axle + TRANSFER] = 2 * share * mass * body.height / (body.track * weight)
         work[:, axle + LENGTH] = length
-    work[:, RELAX_F], work[:, RELAX_R] = vehicle.l_rel_f, vehicle.l_rel_r
-    work[:, MASS], work[:, INERTIA] = mass, vehicle.J_z
-    work[:, ROLL], work[:, DRAG] = body.roll_lag, body.drag
+    work[:, PER_RELAX_F], work[:, PER_RELAX_R] = 1 / vehicle.l_rel_f, 1 / vehicle.l_rel_r
+    work[:, PER_MASS], work[:, PER_INERTIA] = 1 / mass, 1 / vehicle.J_z
+    work[:, PER_ROLL], work[:, DRAG] = 1 / body.roll_lag, body.drag
     work[:, SPEED] = work[:, FORWARD] = context.v_x
     work[:, SHAPE], work[:, CURVATURE] = tyre.shape, tyre.curvature
     work[:, OMEGA], work[:, XI] = vehicle.omega_n, vehicle.xi
@@ -217,64 +218,80 @@ def _steer(work: NDArray[np.float64], step: int) -> int:
 
 @kernel
 def _runge_kutta(work: NDArray[np.float64], piece: int) -> None:
-    """Move the vehicles over a piece, whose row is given; without length nothing changes."""
+    """Move the vehicles over the piece in this row; over one without length, not at all."""
+    for i in range(STATES * LANES):
+        work[STAGE * LANES + i] = work[SUM * LANES + i] = work[STATE * LANES + i]
     for stage in range(4):
         reach = 0.5 if stage < 2 else 1.0
-        weight = 1.0 / 6.0 if stage in (0, 3) else 1.0 / 3.0
-        source = STATE if stage == 0 else STAGE
-        wheel = piece + 1 + (stage + 1) // 2
+        weight = 1.0 / 3.0 if stage in (1, 2) else 1.0 / 6.0
         for lane in range(LANES):
-            v_y = work[source * LANES + lane]
-            r = work[(source + 1) * LANES + lane]
-            v_x = work[(source + 2) * LANES + lane]
-            a_f = work[(source + 3) * LANES + lane]
-            a_r = work[(source + 4) * LANES + lane]
-            q = work[(source + 5) * LANES + lane]
-            sin = sine(work[wheel * LANES + lane])
-            cos = np.sqrt(1.0 - sin * sin)
-            mass = work[MASS * LANES + lane]
-            l_f, l_r = work[LENGTH * LANES + lane], work[(REAR + LENGTH) * LANES + lane]
-            shape, curvature = work[SHAPE * LANES + lane], work[CURVATURE * LANES + lane]
-            x = work[TRANSFER * LANES + lane] * q
-            F_f = -axle_force(
-                a_f,
-                min(x * x, 1.0),
-                work[STIFFNESS * LANES + lane],
-                work[PEAK * LANES + lane],
-                work[FADE * LANES + lane],
-                work[NN * LANES + lane],
-                shape,
-                curvature,
-            )
-            x = work[(REAR + TRANSFER) * LANES + lane] * q
-            F_r = -axle_force(
-                a_r,
-                min(x * x, 1.0),
-                work[(REAR + STIFFNESS) * LANES + lane],
-                work[(REAR + PEAK) * LANES + lane],
-                work[(REAR + FADE) * LANES + lane],
-                work[(REAR + NN) * LANES + lane],
-                shape,
-                curvature,
-            )
-            across = v_y + l_f * r
-            lateral = (F_f * cos + F_r) / mass
-            v_0 = work[SPEED * LANES + lane]
-            braking = F_f * sin + work[DRAG * LANES + lane] * (v_x * abs(v_x) - v_0 * v_0)
-            slip_f = across * cos - v_x * sin - abs(v_x * cos + across * sin) * a_f
-            slip_r = v_y - l_r * r - abs(v_x) * a_r
-            slopes = (
-                lateral - v_x * r,
-                (l_f * F_f * cos - l_r * F_r) / work[INERTIA * LANES + lane],
-                v_y * r - braking / mass,
-                slip_f / work[RELAX_F * LANES + lane],
-                slip_r / work[RELAX_R * LANES + lane],
-                (lateral - q) / work[ROLL * LANES + lane],
-            )
-            h = work[piece * LANES + lane]
-            for i in range(STATES):
-                start = work[(STATE + i) * LANES + lane] if stage == 0 else work[(SUM + i) * LANES + lane]
-                work[(SUM + i) * LANES + lane] = start + weight * h * slopes[i]
-                work[(STAGE + i) * LANES + lane] = work[(STATE + i) * LANES + lane] + reach * h * slopes[i]
+            work[SPAN * LANES + lane] = work[piece * LANES + lane]
+            work[WHEEL * LANES + lane] = work[(piece + 1 + (stage + 1) // 2) * LANES + lane]
+        _stage(work, reach, weight)
     for i in range(STATES * LANES):
         work[STATE * LANES + i] = work[SUM * LANES + i]
+
+
+@kernel
+def _stage(work: NDArray[np.float64], reach: float, weight: float) -> None:
+    """Slopes at the stage's state: on to the next stage's, and into the weighted sum."""
+    for lane in range(LANES):
+        v_y = work[STAGE * LANES + lane]
+        r = work[(STAGE + 1) * LANES + lane]
+        v_x = work[(STAGE + 2) * LANES + lane]
+        a_f = work[(STAGE + 3) * LANES + lane]
+        a_r = work[(STAGE + 4) * LANES + lane]
+        q = work[(STAGE + 5) * LANES + lane]
+        shape, curvature = work[SHAPE * LANES + lane], work[CURVATURE * LANES + lane]
+        x = work[TRANSFER * LANES + lane] * q
+        F_f = -axle_force(
+            a_f,
+            min(x * x, 1.0),
+            work[STIFFNESS * LANES + lane],
+            work[PEAK * LANES + lane],
+            work[FADE * LANES + lane],
+            work[NN * LANES + lane],
+            shape,
+            curvature,
+        )
+        x = work[(REAR + TRANSFER) * LANES + lane] * q
+        F_r = -axle_force(
+            a_r,
+            min(x * x, 1.0),
+            work[(REAR + STIFFNESS) * LANES + lane],
+            work[(REAR + PEAK) * LANES + lane],
+            work[(REAR + FADE) * LANES + lane],
+            work[(REAR + NN) * LANES + lane],
+            shape,
+            curvature,
+        )
+        per_mass = work[PER_MASS * LANES + lane]
+        l_f, l_r = work[LENGTH * LANES + lane], work[(REAR + LENGTH) * LANES + lane]
+        sin = sine(work[WHEEL * LANES + lane])
+        cos = sine(0.5 * np.pi - work[WHEEL * LANES + lane])
+        lateral = (F_f * cos + F_r) * per_mass
+        v_0 = work[SPEED * LANES + lane]
+        braking = F_f * sin + work[DRAG * LANES + lane] * (v_x * abs(v_x) - v_0 * v_0)
+        across = v_y + l_f * r
+        slip_f = across * cos - v_x * sin - abs(v_x * cos + across * sin) * a_f
+        slip_r = v_y - l_r * r - abs(v_x) * a_r
+        dv_y = lateral - v_x * r
+        dr = (l_f * F_f * cos - l_r * F_r) * work[PER_INERTIA * LANES + lane]
+        dv_x = v_y * r - braking * per_mass
+        da_f = slip_f * work[PER_RELAX_F * LANES + lane]
+        da_r = slip_r * work[PER_RELAX_R * LANES + lane]
+        dq = (lateral - q) * work[PER_ROLL * LANES + lane]
+        h = work[SPAN * LANES + lane]
+        part, step = weight * h, reach * h
+        work[SUM * LANES + lane] += part * dv_y
+        work[(SUM + 1) * LANES + lane] += part * dr
+        work[(SUM + 2) * LANES + lane] += part * dv_x
+        work[(SUM + 3) * LANES + lane] += part * da_f
+        work[(SUM + 4) * LANES + lane] += part * da_r
+        work[(SUM + 5) * LANES + lane] += part * dq
+        work[STAGE * LANES + lane] = work[STATE * LANES + lane] + step * dv_y
+        work[(STAGE + 1) * LANES + lane] = work[(STATE + 1) * LANES + lane] + step * dr
+        work[(STAGE + 2) * LANES + lane] = work[(STATE + 2) * LANES + lane] + step * dv_x
+        work[(STAGE + 3) * LANES + lane] = work[(STATE + 3) * LANES + lane] + step * da_f
+        work[(STAGE + 4) * LANES + lane] = work[(STATE + 4) * LANES + lane] + step * da_r
+        work[(STAGE + 5) * LANES + lane] = work[(STATE + 5) * LANES + lane] + step * dq
