@@ -68,6 +68,10 @@ def cut(
     series = np.empty(_TERMS)
     left = h
     for piece in range(PIECES):
+        if left <= 0.0:
+            pieces[piece, 0] = 0.0
+            pieces[piece, 1:] = angle
+            continue
         last = piece == PIECES - 1
         pull = omega * (omega * (command - angle) - 2.0 * xi * rate)
         span = left

@@ -97,8 +97,8 @@ STATES = 6
 STATE, STAGE, SUM = (PARAMETERS + i * STATES for i in range(3))
 YAW_RATE, FORWARD = STATE + 1, STATE + 2
 ANGLE, RATE, COMMAND = range(PARAMETERS + 3 * STATES, PARAMETERS + 3 * STATES + 3)
-SPAN, WHEEL = COMMAND + 1, COMMAND + 2  # of the stage
-CUTS = WHEEL + 1
+EXCESS, BEFORE, SPAN, SINE, COSINE = range(COMMAND + 1, COMMAND + 6)
+CUTS = COSINE + 1
 ROWS = CUTS + PIECES * PIECE
 
 
@@ -181,38 +181,60 @@ def _steer(work: NDArray[np.float64], step: int) -> int:
 
     A lane that takes fewer steps than others stands still when its own are done.
     """
+    for lane in range(LANES):
+        angle, rate = work[ANGLE * LANES + lane], work[RATE * LANES + lane]
+        bound = work[ANGLE_MAX * LANES + lane]
+        command = max(-bound, min(bound, work[COMMAND * LANES + lane]))
+        omega, twice_xi = work[OMEGA * LANES + lane], 2.0 * work[XI * LANES + lane]
+        moves = step < work[STEPS * LANES + lane]
+        h = work[STEP * LANES + lane]
+        e = angle - command
+        middle = work[HALF * LANES + lane] * e + work[(HALF + 1) * LANES + lane] * rate
+        end = work[(HALF + 4) * LANES + lane] * e + work[(HALF + 5) * LANES + lane] * rate
+        free = work[(HALF + 6) * LANES + lane] * e + work[(HALF + 7) * LANES + lane] * rate
+        # Within the step the rate exceeds its ends by no more than their slopes reach.
+        before = abs(rate) + h * omega * abs(omega * e + twice_xi * rate)
+        after = abs(free) + h * omega * abs(omega * end + twice_xi * free)
+        excess = max(before, after) - work[RATE_MAX * LANES + lane]
+        work[EXCESS * LANES + lane] = excess if moves else -1.0
+        work[BEFORE * LANES + lane] = rate
+        work[CUTS * LANES + lane] = h if moves else 0.0
+        work[(CUTS + 1) * LANES + lane] = angle
+        work[(CUTS + 2) * LANES + lane] = command + middle
+        work[(CUTS + 3) * LANES + lane] = command + end
+        work[ANGLE * LANES + lane] = command + end if moves else angle
+        work[RATE * LANES + lane] = free if moves else rate
+    worst = -1.0
+    for lane in range(LANES):
+        worst = max(worst, work[EXCESS * LANES + lane])
+    return _limited(work) if worst >= 0.0 else 1
+
+
+@kernel
+def _limited(work: NDArray[np.float64]) -> int:
+    """Cut the step of the lanes whose rate may meet its limit; return the most pieces."""
     used = 1
     pieces = np.empty((PIECES, PIECE))
     for lane in range(LANES):
-        angle, rate = work[ANGLE * LANES + lane], work[RATE * LANES + lane]
-        bound, limit = work[ANGLE_MAX * LANES + lane], work[RATE_MAX * LANES + lane]
-        command = max(-bound, min(bound, work[COMMAND * LANES + lane]))
-        omega, xi = work[OMEGA * LANES + lane], work[XI * LANES + lane]
-        h = work[STEP * LANES + lane]
-        if step >= work[STEPS * LANES + lane]:
-            pieces[:, 0] = 0.0
-            pieces[:, 1:] = angle
-        else:
-            e, half = angle - command, HALF * LANES + lane
-            middle = work[half] * e + work[half + LANES] * rate
-            half += 4 * LANES
-            end = work[half] * e + work[half + LANES] * rate
-            free = work[half + 2 * LANES] * e + work[half + 3 * LANES] * rate
-            # Within the step the rate exceeds its ends by no more than their slopes reach.
-            before = abs(rate) + h * omega * abs(omega * e + 2.0 * xi * rate)
-            after = abs(free) + h * omega * abs(omega * end + 2.0 * xi * free)
-            if max(before, after) < limit:
-                pieces[:, 0] = 0.0
-                pieces[:, 1:] = command + end
-                pieces[0, 0], pieces[0, 1], pieces[0, 2] = h, angle, command + middle
-                rate = free
-            else:
-                rate = cut(angle, rate, command, h, omega, xi, limit, pieces)
-                used = PIECES
-        for i in range(PIECES):
-            for j in range(PIECE):
-                work[(CUTS + i * PIECE + j) * LANES + lane] = pieces[i, j]
-        work[ANGLE * LANES + lane], work[RATE * LANES + lane] = pieces[PIECES - 1, 3], rate
+        for piece in range(1, PIECES):
+            work[(CUTS + PIECE * piece) * LANES + lane] = 0.0
+        if work[EXCESS * LANES + lane] >= 0.0:
+            bound = work[ANGLE_MAX * LANES + lane]
+            work[RATE * LANES + lane] = cut(
+                work[(CUTS + 1) * LANES + lane],
+                work[BEFORE * LANES + lane],
+                max(-bound, min(bound, work[COMMAND * LANES + lane])),
+                work[STEP * LANES + lane],
+                work[OMEGA * LANES + lane],
+                work[XI * LANES + lane],
+                work[RATE_MAX * LANES + lane],
+                pieces,
+            )
+            for piece in range(PIECES):
+                used = max(used, piece + 1 if pieces[piece, 0] > 0.0 else 1)
+                for i in range(PIECE):
+                    work[(CUTS + PIECE * piece + i) * LANES + lane] = pieces[piece, i]
+            work[ANGLE * LANES + lane] = pieces[PIECES - 1, 3]
     return used
 
 
@@ -221,15 +243,27 @@ def _runge_kutta(work: NDArray[np.float64], piece: int) -> None:
     """Move the vehicles over the piece in this row; over one without length, not at all."""
     for i in range(STATES * LANES):
         work[STAGE * LANES + i] = work[SUM * LANES + i] = work[STATE * LANES + i]
+    for lane in range(LANES):
+        work[SPAN * LANES + lane] = work[piece * LANES + lane]
     for stage in range(4):
         reach = 0.5 if stage < 2 else 1.0
         weight = 1.0 / 3.0 if stage in (1, 2) else 1.0 / 6.0
-        for lane in range(LANES):
-            work[SPAN * LANES + lane] = work[piece * LANES + lane]
-            work[WHEEL * LANES + lane] = work[(piece + 1 + (stage + 1) // 2) * LANES + lane]
+        if stage != 2:  # the two in the middle see the same wheel
+            _turn(work, piece + 1 + (stage + 1) // 2)
         _stage(work, reach, weight)
     for i in range(STATES * LANES):
         work[STATE * LANES + i] = work[SUM * LANES + i]
+
+
+@kernel
+def _turn(work: NDArray[np.float64], row: int) -> None:
+    """Sine and cosine of the wheel angles in this row."""
+    for lane in range(LANES):
+        work[SINE * LANES + lane] = work[row * LANES + lane]
+    for lane in range(LANES):
+        angle = work[SINE * LANES + lane]
+        work[SINE * LANES + lane] = sine(angle)
+        work[COSINE * LANES + lane] = sine(0.5 * np.pi - angle)
 
 
 @kernel
@@ -267,8 +301,7 @@ def _stage(work: NDArray[np.float64], reach: float, weight: float) -> None:
         )
         per_mass = work[PER_MASS * LANES + lane]
         l_f, l_r = work[LENGTH * LANES + lane], work[(REAR + LENGTH) * LANES + lane]
-        sin = sine(work[WHEEL * LANES + lane])
-        cos = sine(0.5 * np.pi - work[WHEEL * LANES + lane])
+        sin, cos = work[SINE * LANES + lane], work[COSINE * LANES + lane]
         lateral = (F_f * cos + F_r) * per_mass
         v_0 = work[SPEED * LANES + lane]
         braking = F_f * sin + work[DRAG * LANES + lane] * (v_x * abs(v_x) - v_0 * v_0)
