@@ -8,6 +8,7 @@ does and when it leaves it.
 
 from collections.abc import Callable
 from math import atan, cos, sin
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,8 +72,9 @@ def solve(
     limited : bool
         Watch for the steering rate's limit; without, it is taken not to be reached.
     """
-    from scipy.integrate import solve_ivp
+    import scipy.integrate
 
+    solve_ivp: Any = scipy.integrate.solve_ivp
     free, held = equations(vehicle, twin, context)
     x = np.array([0.0, 0.0, context[2], 0.0, 0.0, 0.0, 0.0, 0.0])
     y = np.empty(len(u))

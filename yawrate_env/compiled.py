@@ -44,7 +44,8 @@ def kernel(function: _Function) -> _Function:
 
 def inlined(function: _Function) -> _Function:
     """Compile `function` into the kernels that call it; a call would end vectorisation."""
-    return njit(inline="always", error_model="numpy")(function)  # type: ignore[no-any-return]
+    compiled: Any = njit(inline="always", error_model="numpy")(function)
+    return compiled  # type: ignore[no-any-return]
 
 
 def cores() -> int:

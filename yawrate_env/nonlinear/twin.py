@@ -44,9 +44,7 @@ class NonlinearTwin:
                 built[name] = kind(**(values or {}))
             except TypeError:
                 names = ", ".join(kind.__slots__)  # type: ignore[attr-defined]
-                raise ValueError(
-                    f"{name} = {values!r}: give any of {names}, as numbers."
-                ) from None
+                raise ValueError(f"{name} = {values!r}: give any of {names}, as numbers.") from None
         return cls(**built)
 
     def simulator(

@@ -63,13 +63,19 @@ class Tyre:
     stiffest_load: float = 2.130
 
     def __post_init__(self) -> None:
-        say = "Give Pacejka's dimensionless coefficient."
-        validation.number("tyre shape", self.shape, above=0.0, at_most=2.0, remedy=say)
-        validation.number("tyre curvature", self.curvature, at_least=-100.0, at_most=1.0, remedy=say)
-        validation.number("tyre friction", self.friction, above=0.0, remedy=say)
-        validation.number("tyre friction_loss", self.friction_loss, at_least=0.0,
-                          at_most=self.friction, remedy=say)  # fmt: skip
-        validation.number("tyre stiffest_load", self.stiffest_load, above=0.0, remedy=say)
+        for name, bounds in (
+            ("shape", {"above": 0.0, "at_most": 2.0}),
+            ("curvature", {"at_least": -100.0, "at_most": 1.0}),
+            ("friction", {"above": 0.0}),
+            ("friction_loss", {"at_least": 0.0, "at_most": self.friction}),
+            ("stiffest_load", {"above": 0.0}),
+        ):
+            validation.number(
+                f"tyre {name}",
+                getattr(self, name),
+                **bounds,
+                remedy="Give Pacejka's dimensionless coefficient.",
+            )
 
 
 def friction(tyre: Tyre, load: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -87,8 +87,10 @@ class Body:
 AXLE = 6
 PEAK, FADE, STIFFNESS, NN, TRANSFER, LENGTH = range(AXLE)
 REAR = AXLE
-(PER_RELAX_F, PER_RELAX_R, PER_MASS, PER_INERTIA, PER_ROLL, DRAG, SPEED, SHAPE, CURVATURE, OMEGA, XI, ANGLE_MAX,
- RATE_MAX, STEP, STEPS) = range(2 * AXLE, 2 * AXLE + 15)  # fmt: skip
+(
+    PER_RELAX_F, PER_RELAX_R, PER_MASS, PER_INERTIA, PER_ROLL, DRAG, SPEED, SHAPE, CURVATURE,
+    OMEGA, XI, ANGLE_MAX, RATE_MAX, STEP, STEPS,
+) = range(2 * AXLE, 2 * AXLE + 15)  # fmt: skip
 HALF = 2 * AXLE + 15  # the actuator over half a step and a whole one, 2 x 2 each
 PARAMETERS = HALF + 8
 # Then what changes: the vehicle's state, the state of a stage, the sum of the slopes; the
