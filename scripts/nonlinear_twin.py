@@ -17,7 +17,7 @@ def main() -> None:
     )
     parser.add_argument("--episodes", type=arguments.whole, default=1500, help="test, default 1500")
     parser.add_argument(
-        "--training", type=arguments.whole, default=1500, help="vehicles, default 1500"
+        "--training", type=arguments.whole, default=600, help="vehicles, default 600"
     )
     parser.add_argument("--seed", type=arguments.seed, default=0, help="default 0")
     parser.add_argument("--rounds", type=arguments.whole, default=30, help="of timing, default 30")
@@ -31,7 +31,10 @@ def main() -> None:
     args.results.mkdir(parents=True, exist_ok=True)
     args.figures.mkdir(parents=True, exist_ok=True)
     write_text(args.results / "nonlinear.md", table)
-    write_text(args.results / "nonlinear.json", nonlinear_study.to_json(scores, speed, args.seed))
+    write_text(
+        args.results / "nonlinear.json",
+        nonlinear_study.to_json(scores, speed, args.training, args.seed),
+    )
     plots.save(nonlinear_plots.overview(scores), args.figures / "nonlinear.png")
     print(table)
 

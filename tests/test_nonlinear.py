@@ -1,7 +1,8 @@
 """The nonlinear vehicle against scipy's solve_ivp, the linear vehicle, and physics."""
 
+import json
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from tuners.nonlinear_reference import axle, solve
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.excitation import prbs
-from yawrate_env.nonlinear import Body, Limits, NonlinearTwin, Tyre
+from yawrate_env.nonlinear import Body, Limits, NonlinearTwin, Tyre, twin_from
 from yawrate_env.nonlinear import tyre as tyres
 from yawrate_env.nonlinear.steering import PIECE, PIECES, cut
 from yawrate_env.nonlinear.vehicle import GRAVITY
@@ -193,6 +194,11 @@ def test_load_transfer_and_load_dependence_matter_at_four_degrees_only():
         y = driven(TWIN, CORNERS, u)
         change = np.abs(driven(level, CORNERS, u) - y).max(axis=1) / np.abs(y).max(axis=1)
         assert least <= change.max() < most
+
+
+@pytest.mark.parametrize("twin", [LinearTwin(), TWIN, replace(TWIN, tyre=Tyre(friction=0.8))])
+def test_a_twin_is_rebuilt_from_its_parameters(twin):
+    assert twin_from(json.loads(json.dumps(asdict(twin)))) == twin
 
 
 def test_numerical_trouble_is_refused_beforehand():

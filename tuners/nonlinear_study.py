@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.catalogue import TRAINING_EPISODES, train
+from tuners.catalogue import train
 from tuners.evaluation import Evaluation, evaluate
 from tuners.gray_box import GrayBox
 from tuners.tuner import Tuner
@@ -100,10 +100,18 @@ def study(
     seed: int,
     progress: Progress,
     *,
-    training: int = TRAINING_EPISODES,
+    training: int = 600,
     amplitudes: Sequence[float] = AMPLITUDES,
 ) -> list[Score]:
-    """Train, test and judge at every amplitude."""
+    """Train, test and judge at every amplitude.
+
+    Parameters
+    ----------
+    episodes, seed : int
+        Test episodes, and the seed of these and of the training ones.
+    training : int
+        Vehicles that every tuner is trained on; twelve recordings of each.
+    """
     linear = train(RECIPE, task_at(1.0, nonlinear=False), episodes=training, seed=seed,
                    progress=progress)  # fmt: skip
     scores = []
@@ -166,10 +174,13 @@ def factors(scores: Sequence[Score]) -> list[tuple[float, bool, float, float]]:
     ]
 
 
-def to_json(scores: Sequence[Score], speed: Sequence[dict[str, Any]], seed: int) -> str:
+def to_json(
+    scores: Sequence[Score], speed: Sequence[dict[str, Any]], training: int, seed: int
+) -> str:
     """Scores, speed and the conditions that they hold for."""
     conditions = {
         "task": asdict(task_at(1.0)),
+        "training": training,
         "seed": seed,
         "low_friction": LOW_FRICTION,
         "yaw_rate": YAW_RATE,

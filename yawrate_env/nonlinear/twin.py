@@ -11,7 +11,7 @@ from yawrate_env.compiled import LANES, kernel
 from yawrate_env.nonlinear.steering import Limits
 from yawrate_env.nonlinear.tyre import Tyre
 from yawrate_env.nonlinear.vehicle import COMMAND, YAW_RATE, Body, advance, block, packed
-from yawrate_env.twin import Simulator
+from yawrate_env.twin import LinearTwin, Simulator, Twin
 from yawrate_env.vehicle import Context, Vehicle
 
 
@@ -59,6 +59,11 @@ class NonlinearTwin:
             _responses(block(columns, i, j), u, own_input, out)
 
         return simulate
+
+
+def twin_from(parameters: Mapping[str, Any]) -> Twin:
+    """The twin whose ``dataclasses.asdict`` these are; without parameters the linear one."""
+    return NonlinearTwin.of(**parameters) if parameters else LinearTwin()
 
 
 @kernel
