@@ -14,8 +14,8 @@ from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.excitation import prbs
 from yawrate_env.nonlinear import Body, Limits, NonlinearTwin, Tyre, twin_from
 from yawrate_env.nonlinear import tyre as tyres
+from yawrate_env.nonlinear.body import GRAVITY
 from yawrate_env.nonlinear.steering import PIECE, PIECES, cut
-from yawrate_env.nonlinear.vehicle import GRAVITY
 from yawrate_env.twin import LinearTwin
 from yawrate_env.vehicle import Context, Vehicle
 

@@ -16,8 +16,8 @@ from tuners.plots import INK, STYLE, WIDTH
 from yawrate_env import rendering
 from yawrate_env.episode import excitation
 from yawrate_env.nonlinear import Tyre
+from yawrate_env.nonlinear.body import GRAVITY
 from yawrate_env.nonlinear.tyre import lateral_force
-from yawrate_env.nonlinear.vehicle import GRAVITY
 from yawrate_env.vehicle import Context, Vehicle
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.nonlinear import NonlinearTwin
-from yawrate_env.nonlinear.vehicle import GRAVITY
+from yawrate_env.nonlinear.body import GRAVITY
 from yawrate_env.vehicle import Vehicle
 
 Array = NDArray[np.float64]

@@ -2,8 +2,8 @@
 
 ``import yawrate_env`` registers ``yawrate/PITuning-v0``, the same on a nonlinear vehicle,
 ``yawrate/PITuningNonlinear-v0``, and, ready to train on, ``yawrate/PITuningFeatures-v0``,
-whose wrappers are in `tuners`.  Modules are imported
-where they are used, so that the import itself stays light.
+whose wrappers are in `tuners`.  Modules are imported where they are used, so that the
+import itself stays light.
 """
 
 from gymnasium.envs.registration import register, registry

@@ -13,7 +13,8 @@ from yawrate_env import controller
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.manoeuvre import double_lane_change
 from yawrate_env.nonlinear.twin import NonlinearTwin
-from yawrate_env.nonlinear.vehicle import COMMAND, YAW_RATE, advance, block, packed
+from yawrate_env.nonlinear.vehicle import advance
+from yawrate_env.nonlinear.workspace import COMMAND, YAW_RATE, block, packed
 from yawrate_env.task import Task
 from yawrate_env.vehicle import Context
 

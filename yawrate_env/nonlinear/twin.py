@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.compiled import LANES, kernel
+from yawrate_env.nonlinear.body import Body
 from yawrate_env.nonlinear.steering import Limits
 from yawrate_env.nonlinear.tyre import Tyre
-from yawrate_env.nonlinear.vehicle import COMMAND, YAW_RATE, Body, advance, block, packed
+from yawrate_env.nonlinear.vehicle import advance
+from yawrate_env.nonlinear.workspace import COMMAND, YAW_RATE, block, packed
 from yawrate_env.twin import LinearTwin, Simulator, Twin
 from yawrate_env.vehicle import Context, Vehicle
 

@@ -20,7 +20,7 @@ and the rated load F_z0 is the static one without extra mass.  Friction thus sca
 stiffness and peak alike, as in eq. (10), and B does not depend on it.
 
 Both wheels of an axle have the same slip, so the axle has one curve, with their summed
-D and K (Pacejka's effective axle characteristics, section 1.2).  When the load moves
+D and K (Pacejka's effective axle characteristics, section 1.2.2).  When the load moves
 from one wheel to the other, ``F_z (1 +- x)``, the sums have closed forms:
 
     D / D(0) = 1 - fade x^2,           fade = p_Dy2 W / mu(W),   W = F_z / F_z0

@@ -10,160 +10,66 @@ State ``x = [v_y, r, v_x, a_f, a_r, q]`` behind the actuator of `steering`:
     roll_lag q'      = (F_f cos(delta) + F_r) / M - q
 
 ``(U_f, V_f)`` is the front axle's velocity along and across its wheels, ``a`` the lagged
-tangent of the slip angle (Pacejka, 3rd ed., eq. 7.9), which stays finite when the
+tangent of the slip angle (Pacejka, 3rd ed., section 7.2), which stays finite when the
 vehicle turns round; the drive force holds the speed v_0 when driving straight, so that
 cornering costs speed; q is the lateral acceleration as the roll passes it on to the
 wheel loads.  About straight driving, with ``beta = v_y / v_0``, these are eqs. (6) to
 (9): speed and load transfer are of second order.
 
-Integration: the classical Runge-Kutta method of order four.  At 20 m/s and 1 kHz one
-step a sample leaves 2e-9 rad/s against ``solve_ivp`` at 1e-12, at 4 degrees and at any
-friction.  An exponential integrator was considered and left: what is stiffest, tyre lag
-and actuator, has time constants of twenty steps and more, so that exact linear parts
-save nothing, and at 4 degrees the tyres' slope changes by its whole size.  The actuator
-is exact (`steering`), and steps are cut where its limits begin and end to act.
+Integration: the classical Runge-Kutta method of order four.  One step a sample of 1 ms
+leaves 1e-9 rad/s at 20 m/s and 4 degrees against ``solve_ivp`` at 1e-12, on any friction,
+and 4e-9 at most between 10 and 33 m/s.  An exponential integrator was left aside: the
+stiffest parts, tyre lag and actuator, have time constants of about twenty steps, so
+that exact linear parts would save nothing, and at 4 degrees the tyres' slope changes by
+its whole size.  The actuator is exact (`steering`), and steps are cut where its limits
+begin and end to act, so that no step meets a kink.  (One is left: a wheel that lifts,
+beyond 1.3 g with the default body.)
 """
-
-from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env import validation
 from yawrate_env.compiled import LANES, kernel
-from yawrate_env.discretisation import expm
-from yawrate_env.nonlinear.steering import PIECE, PIECES, Limits, cut
-from yawrate_env.nonlinear.tyre import Tyre, axle_force, friction, sine
-from yawrate_env.vehicle import Context, Vehicle, total_mass
-
-GRAVITY = 9.81
-
-_STEP = 0.08
-"""Greatest step in units of the fastest time constant."""
-
-_MOST_STEPS = 1000
-
-
-@dataclass(frozen=True, slots=True)
-class Body:
-    """What the linear vehicle does not need to know of the body.
-
-    Attributes
-    ----------
-    height : float
-        Centre of gravity above the roll axis and the road, effective for load transfer [m].
-    track : float
-        Between the wheels of an axle [m].
-    front_share : float
-        Of the load transfer, what the front axle takes.
-    roll_lag : float
-        Time constant from lateral acceleration to load transfer [s].
-    drag : float
-        Half of air density times drag area [kg/m].
-    """
-
-    height: float = 0.55
-    track: float = 1.55
-    front_share: float = 0.55
-    roll_lag: float = 0.1
-    drag: float = 0.4
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            positive = field.name in ("track", "roll_lag")
-            validation.number(
-                f"body {field.name}",
-                getattr(self, field.name),
-                above=0.0 if positive else -np.inf,
-                at_least=-np.inf if positive else 0.0,
-                at_most=1.0 if field.name == "front_share" else np.inf,
-                remedy="Give a physical value in SI units.",
-            )
-
-
-# The flat workspace, in rows of one number a lane: with one array the compiler sees that
-# nothing overlaps and runs the lanes side by side.  First the parameters that `packed`
-# writes, an axle's six twice.
-AXLE = 6
-PEAK, FADE, STIFFNESS, NN, TRANSFER, LENGTH = range(AXLE)
-REAR = AXLE
-(
-    PER_RELAX_F, PER_RELAX_R, PER_MASS, PER_INERTIA, PER_ROLL, DRAG, SPEED, SHAPE, CURVATURE,
-    OMEGA, XI, ANGLE_MAX, RATE_MAX, STEP, STEPS,
-) = range(2 * AXLE, 2 * AXLE + 15)  # fmt: skip
-HALF = 2 * AXLE + 15  # the actuator over half a step and a whole one, 2 x 2 each
-PARAMETERS = HALF + 8
-# Then what changes: the vehicle's state, the state of a stage, the sum of the slopes; the
-# actuator's angle and rate, and the command; the pieces of a step.
-STATES = 6
-STATE, STAGE, SUM = (PARAMETERS + i * STATES for i in range(3))
-YAW_RATE, FORWARD = STATE + 1, STATE + 2
-ANGLE, RATE, COMMAND = range(PARAMETERS + 3 * STATES, PARAMETERS + 3 * STATES + 3)
-EXCESS, BEFORE, SPAN, SINE, COSINE = range(COMMAND + 1, COMMAND + 6)
-CUTS = COSINE + 1
-ROWS = CUTS + PIECES * PIECE
-
-
-def packed(
-    vehicle: Vehicle, tyre: Tyre, body: Body, limits: Limits, context: Context, Ts: float
-) -> NDArray[np.float64]:
-    """The workspace's columns of B vehicles at rest, (B, ROWS)."""
-    mass = total_mass(vehicle, context)
-    work = np.zeros((len(context), ROWS))
-    wheelbase = vehicle.l_f + vehicle.l_r
-    load = mass / vehicle.M_0
-    grip = friction(tyre, 2 * load)
-    if len(mass):
-        validation.number("friction of a wheel that carries its axle", grip.min(), above=0.0,
-                          remedy="Lower M_delta or the tyre's friction_loss.")  # fmt: skip
-    axles = (
-        (0, vehicle.C_f, vehicle.l_f, vehicle.l_r, body.front_share),
-        (REAR, vehicle.C_r, vehicle.l_r, vehicle.l_f, 1 - body.front_share),
-    )
-    for axle, stiffness, length, other, share in axles:
-        weight = mass * GRAVITY * other / wheelbase
-        work[:, axle + PEAK] = context.mu_s * friction(tyre, load) * weight
-        work[:, axle + FADE] = tyre.friction_loss * load / friction(tyre, load)
-        work[:, axle + STIFFNESS] = context.mu_s * stiffness
-        work[:, axle + NN] = (load / tyre.stiffest_load) ** 2
-        work[:, axle + TRANSFER] = 2 * share * mass * body.height / (body.track * weight)
-        work[:, axle + LENGTH] = length
-    work[:, PER_RELAX_F], work[:, PER_RELAX_R] = 1 / vehicle.l_rel_f, 1 / vehicle.l_rel_r
-    work[:, PER_MASS], work[:, PER_INERTIA] = 1 / mass, 1 / vehicle.J_z
-    work[:, PER_ROLL], work[:, DRAG] = 1 / body.roll_lag, body.drag
-    work[:, SPEED] = work[:, FORWARD] = context.v_x
-    work[:, SHAPE], work[:, CURVATURE] = tyre.shape, tyre.curvature
-    work[:, OMEGA], work[:, XI] = vehicle.omega_n, vehicle.xi
-    work[:, ANGLE_MAX], work[:, RATE_MAX] = limits.angle, limits.rate
-    steps = np.ceil(Ts * _fastest(vehicle, body, context) / _STEP)
-    if len(steps):
-        validation.number("steps of integration a sample", steps.max(), at_most=_MOST_STEPS,
-                          remedy="Shorten the sampling time, or soften the vehicle.")  # fmt: skip
-    work[:, STEPS], work[:, STEP] = steps, Ts / steps
-    actuator = np.array([[0.0, 1.0], [-(vehicle.omega_n**2), -2 * vehicle.xi * vehicle.omega_n]])
-    halves = expm(actuator * work[:, STEP, None, None] / 2)
-    work[:, HALF : HALF + 4] = halves.reshape(-1, 4)
-    work[:, HALF + 4 : HALF + 8] = (halves @ halves).reshape(-1, 4)
-    return work
-
-
-def _fastest(vehicle: Vehicle, body: Body, context: Context) -> NDArray[np.float64]:
-    """An upper estimate of the fastest dynamics, (B,) [1/s]."""
-    v, mu_s, mass = context.v_x, context.mu_s, total_mass(vehicle, context)
-    rates = [np.full_like(v, r) for r in (vehicle.omega_n, 2 * vehicle.xi * vehicle.omega_n)]
-    rates.append(np.full_like(v, 1 / body.roll_lag))
-    for C, length, relax in (
-        (vehicle.C_f * mu_s, vehicle.l_f, vehicle.l_rel_f),
-        (vehicle.C_r * mu_s, vehicle.l_r, vehicle.l_rel_r),
-    ):
-        rates += [v / relax, np.sqrt(C * (1 / mass + length**2 / vehicle.J_z) / relax)]
-    return np.asarray(np.max(rates, axis=0))
-
-
-def block(columns: NDArray[np.float64], i: int, j: int) -> NDArray[np.float64]:
-    """The flat workspace of vehicles i to j, padded to full lanes."""
-    rows = np.minimum(np.arange(i, i + LANES), j - 1)
-    return np.ascontiguousarray(columns[rows].T).reshape(-1)
+from yawrate_env.nonlinear.steering import PIECE, PIECES, cut
+from yawrate_env.nonlinear.tyre import axle_force, sine
+from yawrate_env.nonlinear.workspace import (
+    ANGLE,
+    ANGLE_MAX,
+    BEFORE,
+    COMMAND,
+    COSINE,
+    CURVATURE,
+    CUTS,
+    DRAG,
+    EXCESS,
+    FADE,
+    HALF,
+    LENGTH,
+    NN,
+    OMEGA,
+    PEAK,
+    PER_INERTIA,
+    PER_MASS,
+    PER_RELAX_F,
+    PER_RELAX_R,
+    PER_ROLL,
+    RATE,
+    RATE_MAX,
+    REAR,
+    SHAPE,
+    SINE,
+    SPAN,
+    SPEED,
+    STAGE,
+    STATE,
+    STATES,
+    STEP,
+    STEPS,
+    STIFFNESS,
+    SUM,
+    TRANSFER,
+    XI,
+)
 
 
 @kernel
