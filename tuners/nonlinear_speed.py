@@ -78,7 +78,11 @@ def driven(task: Task, context: Context, u: Array) -> Array:
     """Noise-free yaw rates of the task's twin, (B, N) [rad/s]."""
     y = np.empty((len(context), u.shape[1]))
     simulate = task.twin.simulator(task.vehicle, context, u, task.experiment.Ts)
-    over_blocks(lambda i, j: simulate(y[i:j], i, j), len(context), LANES)
+
+    def one_block(i: int, j: int) -> None:
+        simulate(y[i:j], i, j)
+
+    over_blocks(one_block, len(context), LANES)
     return y
 
 

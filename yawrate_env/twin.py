@@ -11,12 +11,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.discretisation import zoh
+from yawrate_env.discretisation import ObserverForm, zoh
 from yawrate_env.simulation import simulate_into
 from yawrate_env.vehicle import Context, Vehicle, state_space
 
-Simulator = Callable[[NDArray[np.float64], int, int], None]
-"""``simulator(out, i, j)`` writes the yaw rates of vehicles i to j, at most ``LANES`` of them."""
+Simulator = Callable[[NDArray[np.float64], int, int], NDArray[np.float64]]
+"""``simulator(out, i, j)`` writes the yaw rates of vehicles i to j, at most ``LANES`` of them,
+and returns each one's sum of squares, summed alike whatever the batch."""
 
 
 class Twin(Protocol):
@@ -44,6 +45,5 @@ class LinearTwin:
         self, vehicle: Vehicle, context: Context, u: NDArray[np.float64], Ts: float
     ) -> Simulator:
         """Prepare the recursion of the zero-order-hold plants."""
-        plant = zoh(*state_space(vehicle, context), Ts)
-        rest = np.zeros_like(plant.B)
-        return lambda out, i, j: simulate_into(out, plant, u, rest, i, j)
+        form = ObserverForm.of(zoh(*state_space(vehicle, context), Ts))
+        return lambda out, i, j: simulate_into(out, form, u, i, j)

@@ -55,10 +55,12 @@ class NonlinearTwin:
         """Prepare the integration of `vehicle.advance` from straight driving."""
         columns = packed(vehicle, self.tyre, self.body, self.limits, context, Ts)
 
-        def simulate(out: NDArray[np.float64], i: int, j: int) -> None:
+        def simulate(out: NDArray[np.float64], i: int, j: int) -> NDArray[np.float64]:
             rows = np.minimum(np.arange(i, i + LANES), j - 1)
             own_input = rows if len(u) > 1 else np.zeros_like(rows)
-            _responses(block(columns, i, j), u, own_input, out)
+            squares = np.zeros(LANES)
+            _responses(block(columns, i, j), u, own_input, out, squares)
+            return squares[: j - i]
 
         return simulate
 
@@ -74,11 +76,13 @@ def _responses(
     u: NDArray[np.float64],
     own_input: NDArray[np.int64],
     y: NDArray[np.float64],
+    squares: NDArray[np.float64],
 ) -> None:
     """Drive through the commands; the yaw rate is that before the sample's command acts."""
     for k in range(u.shape[1]):
         for lane in range(len(y)):
             y[lane, k] = work[YAW_RATE * LANES + lane]
         for lane in range(LANES):
+            squares[lane] += work[YAW_RATE * LANES + lane] * work[YAW_RATE * LANES + lane]
             work[COMMAND * LANES + lane] = u[own_input[lane], k]
         advance(work)
