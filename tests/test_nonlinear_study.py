@@ -50,8 +50,8 @@ def test_the_picture_shows_tyre_response_and_both_errors(tmp_path):
     assert [axes.get_title(loc="left") for axes in picture.get_axes()[:2]] == [
         "Front axle", "±4° on $\\mu_s$ = 0.35"
     ]  # fmt: skip
-    *_, crossover = picture.get_axes()
-    shown = [text.get_text() for text in crossover.get_legend().get_texts()]
+    (legend,) = picture.subfigs[1].legends
+    shown = [text.get_text() for text in legend.get_texts()]
     assert shown == [LINEAR, NONLINEAR, GRAY, MISTAKEN]
     plots.save(picture, tmp_path / "nonlinear.png")
     assert (tmp_path / "nonlinear.png").stat().st_size > 20_000

@@ -30,15 +30,16 @@ _SHOWN = 3.0  # seconds of the response
 def overview(scores: Sequence[Score]) -> Figure:
     """Draw the front axle's force, a response on low friction, and errors over amplitude."""
     with style.context(["default", STYLE]):
-        picture = Figure(figsize=(WIDTH, 6.4))
-        halves: Any = picture.subfigures(2, 1, height_ratios=[1, 1.05])
+        picture = Figure(figsize=(WIDTH, 6.8))
+        halves: Any = picture.subfigures(2, 1, height_ratios=[1, 1.15])
         tyre, response = halves[0].subplots(1, 2, width_ratios=[1, 1.5])
         _tyre(tyre)
         _response(response)
         margin, crossover = halves[1].subplots(1, 2)
         _errors(margin, scores, "phase_margin", "phase margin, rms error [deg]")
         _errors(crossover, scores, "crossover", "crossover, rms error [Hz]")
-        crossover.legend(loc="upper left", handlelength=1.6, fontsize=8)
+        entries = crossover.get_legend_handles_labels()
+        halves[1].legend(*entries, loc="outside lower center", ncols=2, handlelength=1.6)
         margin.set_title("Solid: all vehicles.  Dotted: $\\mu_s$ < 0.5", fontsize=8)
     return picture
 
@@ -85,8 +86,10 @@ def _errors(axes: Axes, scores: Sequence[Score], what: str, label: str) -> None:
                 [getattr(s, what) for s in part],
                 color=hue,
                 ls=line,
+                lw=4 if name == LINEAR else 1.5,  # the gray box covers it
                 marker="o",
-                ms=4,
+                ms=7 if name == LINEAR else 4,
+                alpha=0.5 if name == LINEAR else 1.0,
                 label=None if low else name,
             )
     axes.set(xscale="log", yscale="log", xlabel="command [deg]", ylabel=label)
