@@ -61,16 +61,15 @@ class TrendSettings:
     ) -> "Trend":
         """Train on data that come in parts, and again every time that they are iterated over."""
         mean, matrix = _decorrelation(training)
-        normal: Array = np.zeros(())
-        right: Array = np.zeros(())
+        normal = right = np.zeros(())
         for X, T in training:
             P = polynomial((X - mean) @ matrix, self.degree)
             normal, right = normal + P.T @ P, right + P.T @ T
         coefficients = np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0], dtype=np.float64)
-        rests = (
+        rest, checked = (
             _Rest(data, mean, matrix, coefficients, self.degree) for data in (training, validation)
         )
-        learner = self.rest.fit_batches(*rests, random_state, progress)
+        learner = self.rest.fit_batches(rest, checked, random_state, progress)
         return Trend(mean, matrix, coefficients, self.degree, learner)
 
 
@@ -154,7 +153,8 @@ class _Rest:
 
 def _decorrelation(batches: Batches) -> tuple[Array, Array]:
     """Mean (n,) and a matrix (n, k) that makes features uncorrelated with variance one."""
-    count, total, squares = 0, np.zeros(()), np.zeros(())
+    count = 0
+    total = squares = np.zeros(())
     shift: Array | None = None  # near the mean, so that the squares keep their digits
     for X, _ in batches:
         shift = X.mean(axis=0) if shift is None else shift
