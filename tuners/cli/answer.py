@@ -59,8 +59,8 @@ def as_text(result: TuningResult, log: Log, task: Task) -> str:
     rows = [
         ("kp", f"{result.kp:.4g} s"),
         ("Ti", f"{result.Ti:.4g} s"),
-        ("phase margin", between(result.phase_margin, "deg")),
-        ("crossover", between(result.crossover, "Hz")),
+        ("phase margin", between(result.phase_margin, " deg")),
+        ("crossover", between(result.crossover, " Hz")),
         ("every", f"{1e3 * forms.Ts:g} ms: {forms.equation}"),
     ]
     lines = [described(log), "", *(f"  {name:<14}{value}" for name, value in rows), ""]
@@ -86,13 +86,13 @@ def described(log: Log) -> str:
 
 
 def between(interval: Interval, unit: str) -> str:
-    """A value and its interval, to the digits that the interval is worth."""
+    """A value with its unit and interval, to the digits that the interval is worth."""
     if not math.isfinite(interval.value):
         return "unknown"
     width = interval.high - interval.low
     places = 2 if not 0 < width < math.inf else min(max(1 - math.floor(math.log10(width)), 0), 4)
     value, low, high = (f"{v:.{places}f}" for v in (interval.value, interval.low, interval.high))
-    return f"{value} {unit}, between {low} and {high} (90 %)"
+    return f"{value}{unit}, between {low} and {high} (90 %)"
 
 
 def _plain(value: Any) -> Any:

@@ -17,9 +17,7 @@ DEFAULT = "ts-ff-lag-vx"
 UNTRUSTED = 3
 
 
-@click.command(
-    epilog=example("yawrate tune log.csv --steer-unit deg --steer-ratio 15.8 --from 12 --to 22")
-)
+@click.command(epilog=example("yawrate tune log.csv --steer-unit deg --report report.html"))
 @click.argument("log", type=READABLE)
 @log_options
 @click.option(

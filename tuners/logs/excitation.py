@@ -51,11 +51,18 @@ def band_around(crossover: float) -> tuple[float, float]:
 
 
 def in_band(x: Array, Ts: float, band: tuple[float, float]) -> Array:
-    """Part of a signal (N,) within a band [Hz], its mean removed."""
-    spectrum = np.fft.rfft(x - x.mean())
+    """Part of a signal (N,) within a band [Hz]."""
+    spectrum = np.fft.rfft(x)
     frequency = np.fft.rfftfreq(len(x), Ts)
     spectrum[(frequency < band[0]) | (frequency > band[1])] = 0
     return np.fft.irfft(spectrum, len(x))
+
+
+def rms_in_band(x: Array, Ts: float, band: tuple[float, float]) -> float:
+    """Root mean square within a band; Hann's window keeps slow drift from leaking into it."""
+    window = np.hanning(len(x))
+    part = in_band(window * (x - x.mean()), Ts, band)
+    return float(np.sqrt(np.mean(part**2) / np.mean(window**2)))
 
 
 def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: float) -> Excitation:
@@ -73,7 +80,7 @@ def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: flo
             "Give --steer-unit, or the --steer-ratio of the hand wheel."
         )
     band = band_around(crossover)
-    rms = float(np.sqrt(np.mean(in_band(steer, Ts, band) ** 2)))
+    rms = rms_in_band(steer, Ts, band)
     within = f"between {band[0]:.2g} and {band[1]:.2g} Hz"
     if rms < _NO_RMS:
         raise LogError(
@@ -105,7 +112,8 @@ def best_stretch(
     samples = round(length / Ts)
     if len(steer) <= samples:
         return slice(0, len(steer)), False
-    power = _windowed(in_band(steer, Ts, band_around(crossover)) ** 2, samples)
+    moving = in_band(steer - steer.mean(), Ts, band_around(crossover))
+    power = _windowed(moving**2, samples)
     steady = _windowed(speed**2, samples) - _windowed(speed, samples) ** 2
     allowed = steady < (0.025 * _windowed(speed, samples)) ** 2
     start = int(np.argmax(np.where(allowed, power, -1.0) if allowed.any() else power))

@@ -61,8 +61,8 @@ class Log:
         Name of the file.
     t0 : float
         Time of the first sample, as the recording counts it [s].
-    Ts : float
-        Sampling time [s].
+    Ts, recorded_Ts : float
+        Sampling time of these arrays, and of the file [s].
     steer : NDArray
         (N,) steering command at the road wheel [rad], held over a sampling time.
     yaw_rate : NDArray
@@ -78,6 +78,7 @@ class Log:
     source: str
     t0: float
     Ts: float
+    recorded_Ts: float
     steer: Array
     yaw_rate: Array
     speed: Array
@@ -124,7 +125,7 @@ def read_log(path: Path, task: Task, options: Options) -> Log:
         notes.append("Measured road-wheel angle: the yaw rate was filtered through the actuator.")
     notes += judged.notes
     t0 = float(base.grid[part.start])
-    return Log(path.name, t0, Ts, steer, yaw_rate, speed, judged, tuple(notes))
+    return Log(path.name, t0, Ts, base.Ts, steer, yaw_rate, speed, judged, tuple(notes))
 
 
 def _sampled(

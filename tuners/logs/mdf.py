@@ -1,6 +1,8 @@
 """Measurement data format 4 (ASAM MDF), with every channel on its own time base."""
 
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +13,10 @@ def read(path: Path) -> Table:
     """Read the names; a channel's samples are read when it is asked for."""
     try:
         from asammdf import MDF
+        from asammdf.blocks.mdf_v4 import MDF4
     except ImportError:
         raise LogError('MDF files need asammdf: pip install "yawrate[mdf]".') from None
+    MDF4.__del__ = _close
     try:
         file = MDF(path)
         names = tuple(name for name in file.channels_db if name not in ("t", "time", "Time"))
@@ -31,3 +35,9 @@ def read(path: Path) -> Table:
         return Column(values, str(signal.unit or ""), np.asarray(signal.timestamps, float))
 
     return Table(names, column)
+
+
+def _close(file: Any) -> None:
+    """Instead of asammdf's finaliser, which prints a traceback where a file did not open."""
+    with suppress(AttributeError):
+        file.close()

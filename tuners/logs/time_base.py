@@ -75,17 +75,22 @@ def time_base(time: Array, least: float) -> TimeBase:
 
 
 def _grid(time: Array, rows: slice, notes: tuple[str, ...]) -> TimeBase:
+    """Least squares through the stamps, after counting how many samples each step spans."""
     t = time[rows]
-    count = np.arange(len(t))
-    Ts, first = (float(c) for c in np.polynomial.polynomial.polyfit(count, t - t[0], 1)[::-1])
-    deviation = np.abs(t - t[0] - first - count * Ts).max() / Ts
-    if deviation <= EVEN:
-        return TimeBase(rows, t[0] + count * _rounded(Ts), _rounded(Ts), True, notes)
-    Ts = _rounded(float(np.median(np.diff(t))))
-    grid = t[0] + Ts * np.arange(int((t[-1] - t[0]) / Ts * (1 + 1e-9)) + 1)
-    jitter = float(np.abs(np.diff(t) - Ts).max())
-    words = f"Sampling times vary by up to {1e3 * jitter:.3g} ms: resampled to {1e3 * Ts:g} ms."
-    return TimeBase(rows, grid, Ts, False, (*notes, words))
+    steps = np.diff(t)
+    spans = np.maximum(1, np.rint(steps / np.median(steps)))
+    count = np.concatenate([[0.0], np.cumsum(spans)])
+    offset, slope = (float(c) for c in np.polynomial.polynomial.polyfit(count, t - t[0], 1))
+    Ts = _rounded(slope)
+    off = float(np.abs(t - t[0] - offset - count * slope).max())
+    lost = int(spans.sum()) - len(spans)
+    grid = t[0] + Ts * np.arange(int(count[-1]) + 1)
+    if off <= EVEN * Ts and not lost:
+        return TimeBase(rows, grid, Ts, True, notes)
+    found = [f"Time stamps are off an even grid by up to {1e3 * off:.3g} ms"] * (off > EVEN * Ts)
+    found += [f"{lost} sample{'s' * (lost > 1)} lost"] * (lost > 0)
+    words = f"{', '.join(found)}: resampled to {1e3 * Ts:.5g} ms."
+    return TimeBase(rows, grid[grid <= t[-1]], Ts, False, (*notes, words))
 
 
 def _rounded(Ts: float) -> float:
