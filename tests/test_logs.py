@@ -197,7 +197,7 @@ def test_jitter_is_resampled_and_said(written, signals):
     smooth = np.sin(2 * np.pi * t)
     path = written(signals | {"t": t, "yaw_rate": smooth})
     log = read(path)
-    assert re.match(r"Time stamps are off an even grid by up to 2\.. ms: resamp", log.notes[0])
+    assert re.match(r"Time stamps are off an even grid by up to 2\.\d+ ms: resamp", log.notes[0])
     assert log.Ts == pytest.approx(TS, rel=1e-4)
     np.testing.assert_allclose(log.yaw_rate, np.sin(2 * np.pi * log.time), atol=2e-4)
     shared = min(len(log.steer), len(t))
@@ -277,7 +277,7 @@ STEER, YAW_RATE = "steer", "yaw_rate"
         ({STEER: lambda x: 0 * x + 0.02}, r"steering is constant \(1\.15 deg\)"),
         ({YAW_RATE: lambda x: 0 * x}, "yaw rate is constant"),
         ({STEER: lambda x: np.degrees(x)}, "reaches 57 deg at the road wheel.*--steer-unit"),
-        ({STEER: lambda x: 0.3 * np.sin(np.arange(len(x)) * 2e-3) + x * 1e-6}, "hardly moves"),
+        ({STEER: lambda x: 0.02 * np.sin(np.arange(len(x)) * 2e-3) + x * 1e-6}, "hardly moves"),
         ({"speed": lambda x: 0 * x}, "speed falls to 0 m/s"),
     ],
 )

@@ -59,8 +59,8 @@ def in_band(x: Array, Ts: float, band: tuple[float, float]) -> Array:
 
 
 def rms_in_band(x: Array, Ts: float, band: tuple[float, float]) -> float:
-    """Root mean square within a band; Hann's window keeps slow drift from leaking into it."""
-    window = np.hanning(len(x))
+    """Root mean square within a band; Hann's window, squared, keeps slow drift from leaking into it."""
+    window = np.hanning(len(x)) ** 2
     part = in_band(window * (x - x.mean()), Ts, band)
     return float(np.sqrt(np.mean(part**2) / np.mean(window**2)))
 

@@ -16,7 +16,7 @@ def read(path: Path) -> Table:
         from asammdf.blocks.mdf_v4 import MDF4
     except ImportError:
         raise LogError('MDF files need asammdf: pip install "yawrate[mdf]".') from None
-    MDF4.__del__ = _close
+    MDF4.__del__ = _close  # type: ignore[method-assign]
     try:
         file = MDF(path)
         names = tuple(name for name in file.channels_db if name not in ("t", "time", "Time"))

@@ -44,7 +44,9 @@ def autocorrelation(e: Array, Ts: float, longest: float) -> Correlation:
     """Of a residual (N,), at lags 0 to `longest` [s]."""
     count = _lags(e, Ts, longest)
     value = _correlated(e, e)[: count + 1]
-    return Correlation(Ts * np.arange(count + 1), value, NORMAL_99 / float(np.sqrt(len(e))))
+    return Correlation(
+        Ts * np.arange(count + 1, dtype=np.float64), value, NORMAL_99 / float(np.sqrt(len(e)))
+    )
 
 
 def cross_correlation(e: Array, u: Array, Ts: float, longest: float) -> Correlation:
@@ -59,7 +61,9 @@ def cross_correlation(e: Array, u: Array, Ts: float, longest: float) -> Correlat
     r_e, r_u = _correlated(e, e)[:M], _correlated(u, u)[:M]
     variance = max(2 * float(r_e @ r_u) - 1.0, 0.0) / len(e)  # both sides, lag 0 once
     return Correlation(
-        Ts * np.arange(-count, count + 1), value, NORMAL_99 * float(np.sqrt(variance))
+        Ts * np.arange(-count, count + 1, dtype=np.float64),
+        value,
+        NORMAL_99 * float(np.sqrt(variance)),
     )
 
 
