@@ -10,12 +10,11 @@ import click
 from tuners.logs import UNITS, Choice, Options
 from tuners.logs.columns import ROLES
 
-SIGNS = {"+": 1, "-": -1}
 WORDS = {
     "time": "time",
     "steer": "steering",
     "yaw_rate": "yaw rate",
-    "speed": "speed (the unit also of --speed)",
+    "speed": "speed",
 }
 
 
@@ -55,8 +54,8 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
             Ts=given.pop("ts"),
             speed=_in_si(given.pop("speed"), units["speed"]),
             steer_ratio=given.pop("steer_ratio"),
-            steer_sign=SIGNS[given.pop("steer_sign")],
-            yaw_rate_sign=SIGNS[given.pop("yaw_rate_sign")],
+            steer_sign=-1 if given.pop("flip_steer") else 1,
+            yaw_rate_sign=-1 if given.pop("flip_yaw_rate") else 1,
             start=given.pop("start"),
             stop=given.pop("stop"),
             steer_is=given.pop("steer_is"),
@@ -91,17 +90,16 @@ def _flags() -> list[Callable[..., Any]]:
     return [
         *flags,
         click.option("--Ts", "ts", type=POSITIVE, help="Sampling time [s], instead of a column."),
-        click.option("--speed", type=POSITIVE, help="Constant speed, instead of a column."),
+        click.option("--speed", type=POSITIVE, help="Constant speed, in --speed-unit, instead of a column."),
         click.option(
             "--steer-ratio", type=POSITIVE, default=1.0, show_default=True,
             help="Hand-wheel angle over road-wheel angle.",
         ),
         click.option(
-            "--steer-sign", type=click.Choice(list(SIGNS)), default="+",
-            help="- turns it round: both signals must count left as positive, or both right.",
+            "--flip-steer", is_flag=True,
+            help="Turn the steering round, where it counts right and the yaw rate left.",
         ),
-        click.option("--yaw-rate-sign", type=click.Choice(list(SIGNS)), default="+",
-                     help="- turns the yaw rate round."),
+        click.option("--flip-yaw-rate", is_flag=True, help="Turn the yaw rate round."),
         click.option(
             "--steer-is", type=click.Choice(["command", "measured"]), default="command",
             show_default=True,

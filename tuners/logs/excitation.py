@@ -59,7 +59,7 @@ def in_band(x: Array, Ts: float, band: tuple[float, float]) -> Array:
 
 
 def rms_in_band(x: Array, Ts: float, band: tuple[float, float]) -> float:
-    """Root mean square within a band; Hann's window, squared, keeps slow drift from leaking into it."""
+    """Root mean square within a band; a squared Hann window keeps slow drift out of it."""
     window = np.hanning(len(x)) ** 2
     part = in_band(window * (x - x.mean()), Ts, band)
     return float(np.sqrt(np.mean(part**2) / np.mean(window**2)))
