@@ -56,6 +56,13 @@ def test_shared_and_own_inputs_agree():
     np.testing.assert_allclose(own, shared, rtol=1e-8)
 
 
+@pytest.mark.parametrize("count", [2, 16, 17])
+def test_own_inputs_do_not_depend_on_the_batch(count):
+    u, y = np.random.default_rng(6).standard_normal((2, 40, 2000))
+    whole, part = Laguerre()(u, y, TS)[0], Laguerre()(u[:count], y[:count], TS)[0]
+    np.testing.assert_array_equal(part, whole[:count])
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_an_episodes_features_do_not_depend_on_the_batch(count):
     whole, part = Laguerre()(U, NOISE, TS)[0], Laguerre()(U, NOISE[:count], TS)[0]
@@ -70,6 +77,39 @@ def test_blocks_of_episodes_join_seamlessly(count):
     expected = np.linalg.lstsq(phi.T, y.T)[0].T
     assert usable.all()
     np.testing.assert_allclose(features, expected, rtol=0, atol=1e-9 * abs(expected).max())
+
+
+@pytest.mark.parametrize("inputs", ["shared", "own"])
+@pytest.mark.parametrize("order", [1, 2, 8])
+@pytest.mark.parametrize("extras", [0, 1, 9])
+def test_further_regressors_against_lstsq(inputs, order, extras):
+    rng, basis = np.random.default_rng(4), Laguerre(order)
+    extra, y = rng.standard_normal((extras, 2000)), rng.standard_normal((17, 2000))
+    u = rng.standard_normal((1 if inputs == "shared" else 17, 2000))
+    phi = np.broadcast_to(basis.regressors(u, TS), (17, order, 2000))
+    expected = [
+        np.linalg.lstsq(np.concatenate([own, extra]).T, out)[0]
+        for own, out in zip(phi, y, strict=True)
+    ]
+    found = basis.coefficients(u, y, TS, extra)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("N", [150, 9999])
+@pytest.mark.parametrize("kind", ["white", "drift", "burst"])
+def test_gram_matrix_from_its_first_row(kind, N):
+    rng = np.random.default_rng(5)
+    u = {
+        "white": rng.standard_normal((20, N)),
+        "drift": rng.standard_normal((20, N)).cumsum(axis=1),  # far from white, ends far from 0
+        "burst": np.where(np.arange(N) < N - 9, 0.0, rng.standard_normal((20, N))),
+    }[kind]
+    basis = Laguerre(8)
+    phi = basis.regressors(u, TS)
+    gram, right = basis._normal_equations(u, u[::-1], TS, np.empty((0, N)))
+    scale = np.trace(phi @ phi.transpose(0, 2, 1), axis1=1, axis2=2)[:, None, None]
+    np.testing.assert_allclose(gram / scale, phi @ phi.transpose(0, 2, 1) / scale, atol=1e-14)
+    np.testing.assert_allclose(right, (phi @ u[::-1, :, None])[..., 0], rtol=1e-9, atol=1e-9)
 
 
 def test_residual_is_orthogonal_to_every_function():

@@ -8,7 +8,8 @@ in `yawrate_env`.
 from tuners.catalogue import NAMES, RECIPES, load, train
 from tuners.model_file import ModelFileError
 from tuners.recording import Recording
-from tuners.tuner import Tuner, TuningResult
+from tuners.result import TuningResult
+from tuners.tuner import Tuner
 from tuners.two_stage import Recipe, TwoStage
 
 __all__ = [

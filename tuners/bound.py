@@ -11,7 +11,7 @@ measure on theta" with respect to theta' at the truth.
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.gray_box import output_gram
+from tuners.identification import output_gram
 from tuners.recording import Recording
 from yawrate_env.episode import Draw, excitation, plants
 from yawrate_env.judge import Judge

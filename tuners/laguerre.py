@@ -7,14 +7,26 @@ The output is regressed on the input filtered by the discrete Laguerre functions
 
 which span the impulse responses of stable systems and are orthonormal.  The fit is
 one linear problem without local minima, and the coefficients are the features.
+
+Episodes with one input share their regressors: all that is left is one product that
+waits for memory.  Where every episode has an input of its own, one pass over the data
+filters and sums ``LANES`` episodes side by side, and no regressor is stored.  Of their
+Gram matrix it sums the first row alone.  The all-pass sections are lossless, so that the
+signals of two sections differ in their inner product by what the sections still hold,
+
+    <phi_{i+1}, phi_{j+1}> = <phi_i, phi_j> - s_i s_j,  s_i = (a phi_{i+1} + phi_i)/sqrt(1 - a^2),
+
+with s after the last sample; for eight functions that halves the pass.
 """
 
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.compiled import kernel, over_blocks
+from yawrate_env.compiled import LANES, kernel, over_blocks
 
 Array = NDArray[np.float64]
 
@@ -44,40 +56,94 @@ class Laguerre:
                 f"{y.shape[1]} samples are too few for {self.order} Laguerre coefficients; "
                 f"at least {10 * self.order} are needed. Record for longer."
             )
-        values = np.empty((len(y), self.order))
-        if len(u) == 1:
-            phi = self.regressors(u, Ts)[0]
-            matrix = self._normal_matrix(phi)
-
-        def shared(i: int, j: int) -> None:
-            values[i:j] = np.linalg.solve(matrix, _products(phi, y[i:j])).T
-
-        def own(i: int, j: int) -> None:
-            phi = self.regressors(u[i:j], Ts)[0]
-            values[i:j] = np.linalg.solve(self._normal_matrix(phi), _products(phi, y[i:j])).T
-
-        if len(u) == 1:
-            over_blocks(shared, len(y), _EPISODES)
-        else:
-            over_blocks(own, len(y), 1)
+        values = self.coefficients(u, y, Ts, np.empty((0, y.shape[1])))
         return values, np.asarray(np.isfinite(values).all(axis=1) & u.any(axis=1))
 
-    def _normal_matrix(self, phi: Array) -> Array:
-        """Left side of the normal equations for regressors (order, N).
+    def coefficients(self, u: Array, y: Array, Ts: float, extra: Array) -> Array:
+        """Least-squares coefficients on the functions, then on `extra` signals.
 
-        Orthonormal functions and a broad-band input keep it well conditioned, and it is
-        several times faster than a decomposition of the regressors.
+        Parameters
+        ----------
+        extra : (E, N) float64
+            Further regressors, the same for every episode.
+
+        Returns
+        -------
+        (B, order + E) float64
         """
-        gram = _products(phi, phi)
-        ridge = 1e-14 * np.trace(gram) or 1.0  # an input of zeros has no solution at all
-        return np.asarray(gram + ridge * np.eye(self.order))
+        gram, right = self.normal_equations(u, y, Ts, extra)
+        return np.asarray(np.linalg.solve(lifted(gram), right[..., None])[..., 0])
+
+    def frequency_response(self, omega: Array, Ts: float) -> NDArray[np.complex128]:
+        """Response of every function at `omega` [rad/s], (order, F)."""
+        a, z = self._discrete_pole(Ts), np.exp(1j * omega * Ts)
+        section = (1 - a * z) / (z - a)
+        first = np.sqrt(1 - a * a) / (z - a)
+        return np.asarray(first * section ** np.arange(self.order)[:, None])
+
+    def normal_equations(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
+        """Both sides, (1 or B, order + E, order + E) and (B, order + E); as for `coefficients`."""
+        if len(u) > 1:
+            return self._own_inputs(u, y, Ts, extra)
+        phi = np.concatenate([self.regressors(u, Ts)[0], extra])
+        return _products(phi, phi)[None], _right_sides(phi, y)
 
     def regressors(self, u: Array, Ts: float) -> Array:
         """Filtered inputs, (E, order, N)."""
-        out = np.empty((len(u), self.order, u.shape[1]))
+        out = np.zeros((len(u), self.order, u.shape[1]))
         for row, filtered in zip(u, out, strict=True):
-            _filter(np.ascontiguousarray(row), float(np.exp(-self.pole * Ts)), filtered)
+            _filter(np.ascontiguousarray(row), self._discrete_pole(Ts), filtered)
         return out
+
+    def _own_inputs(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
+        """`normal_equations` of episodes with an input each."""
+        n, a = self.order, self._discrete_pole(Ts)
+        run, rows = _pass(n, len(extra)), 3 * n + 4 + len(extra) * (n + 1)
+        sums = np.empty((len(y), rows))
+
+        def one_block(i: int, j: int) -> None:
+            episodes, work = np.minimum(np.arange(i, i + LANES), j - 1), np.zeros(rows * LANES)
+            run(u, y, episodes, extra, a, work)
+            sums[i:j] = work.reshape(rows, LANES).T[: j - i]
+
+        over_blocks(one_block, len(y), LANES)
+        last, first, right = sums[:, :n], sums[:, n + 4 : 2 * n + 4], sums[:, 2 * n + 4 : 3 * n + 4]
+        cross = sums[:, 3 * n + 4 :].reshape(len(y), len(extra), n + 1)
+
+        gram = np.empty((len(y), n + len(extra), n + len(extra)))
+        gram[:, 0, :n] = gram[:, :n, 0] = first
+        s = (a * last[:, 1:] + last[:, :-1]) / np.sqrt(1 - a * a)
+        for i in range(1, n):
+            row = gram[:, i - 1, i - 1 : n - 1] - s[:, i - 1, None] * s[:, i - 1 :]
+            gram[:, i, i:n] = gram[:, i:n, i] = row
+        gram[:, n:, :n] = cross[:, :, :n]
+        gram[:, :n, n:] = cross[:, :, :n].transpose(0, 2, 1)
+        gram[:, n:, n:] = _products(extra, extra) if len(extra) else 0.0
+        return gram, np.concatenate([right, cross[:, :, n]], axis=1)
+
+    def _discrete_pole(self, Ts: float) -> float:
+        return float(np.exp(-self.pole * Ts))
+
+
+def _right_sides(phi: Array, y: Array) -> Array:
+    """Products of outputs (B, N) with regressors (n, N) that they share, (B, n)."""
+    values = np.empty((len(y), len(phi)))
+
+    def some(i: int, j: int) -> None:
+        values[i:j] = _products(phi, y[i:j]).T
+
+    over_blocks(some, len(y), _EPISODES)
+    return values
+
+
+def lifted(gram: Array) -> Array:
+    """Gram matrices (..., n, n) that an input of zeros, which has no solution, leaves regular.
+
+    Orthonormal functions and a broad-band input keep the normal equations well
+    conditioned; they are several times faster than a decomposition of the regressors.
+    """
+    trace = np.trace(gram, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(gram + np.where(trace > 0, 1e-14 * trace, 1.0) * np.eye(gram.shape[-1]))
 
 
 def _products(a: Array, b: Array) -> Array:
@@ -95,13 +161,61 @@ def _products(a: Array, b: Array) -> Array:
 
 @kernel
 def _filter(u: NDArray[np.float64], a: float, out: NDArray[np.float64]) -> None:
-    order = len(out)
+    """Fill (order, N), of which the first column is zero."""
     gain = np.sqrt(1.0 - a * a)
     for k in range(1, len(u)):
-        out[0, k] = a * out[0, k - 1] + gain * u[k - 1] if k > 1 else gain * u[0]
-        for i in range(1, order):
-            previous = out[i, k - 1] if k > 1 else 0.0
-            delayed = out[i - 1, k - 1] if k > 1 else 0.0
-            out[i, k] = a * previous + delayed - a * out[i - 1, k]
-    for i in range(order):
-        out[i, 0] = 0.0
+        out[0, k] = a * out[0, k - 1] + gain * u[k - 1]
+        for i in range(1, len(out)):
+            out[i, k] = a * out[i, k - 1] + out[i - 1, k - 1] - a * out[i - 1, k]
+
+
+@cache
+def _pass(order: int, extras: int) -> Any:
+    """Compile the pass over ``LANES`` episodes; numbers known to the compiler vectorise.
+
+    The workspace, in rows of one number a lane: the filtered inputs, the measurement, the
+    command now and before, a filter's previous output; then the sums of the filtered
+    inputs times the first and times the measurement, and those of each further regressor
+    times the filtered inputs and the measurement.
+    """
+    MEASURED, COMMAND, BEFORE, HELD, FIRST, RIGHT, CROSS = (
+        row * LANES
+        for row in (order, order + 1, order + 2, order + 3, order + 4, 2 * order + 4, 3 * order + 4)
+    )
+    SIGNALS = (order + 1) * LANES
+
+    @kernel
+    def run(
+        u: NDArray[np.float64],
+        y: NDArray[np.float64],
+        episodes: NDArray[np.int64],
+        extra: NDArray[np.float64],
+        a: float,
+        work: NDArray[np.float64],
+    ) -> None:
+        gain = np.sqrt(1.0 - a * a)
+        for k in range(u.shape[1]):
+            for lane in range(LANES):
+                work[BEFORE + lane] = work[COMMAND + lane]
+                work[COMMAND + lane] = u[episodes[lane], k]
+                work[MEASURED + lane] = y[episodes[lane], k]
+            for lane in range(LANES):
+                work[HELD + lane] = work[lane]
+                work[lane] = a * work[lane] + gain * work[BEFORE + lane]
+                work[FIRST + lane] += work[lane] * work[lane]
+                work[RIGHT + lane] += work[lane] * work[MEASURED + lane]
+            for i in range(1, order):
+                for lane in range(LANES):
+                    at = i * LANES + lane
+                    before = work[at]
+                    now = a * before + work[HELD + lane] - a * work[at - LANES]
+                    work[HELD + lane] = before
+                    work[at] = now
+                    work[FIRST + at] += now * work[lane]
+                    work[RIGHT + at] += now * work[MEASURED + lane]
+            for j in range(extras):
+                e = extra[j, k]
+                for i in range(SIGNALS):
+                    work[CROSS + j * SIGNALS + i] += e * work[i]
+
+    return run

@@ -1,6 +1,6 @@
 """What a tuner gets: recorded episodes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -27,6 +27,8 @@ class Recording:
         (B,) speed [m/s], where it is known.
     context : Context or None
         The truth, where it is visible; only the oracle looks at it.
+    oversampled : float
+        Samples for each independent one: above 1 where samples were interpolated.
     """
 
     u: NDArray[np.float64]
@@ -34,6 +36,7 @@ class Recording:
     Ts: float
     v_x: NDArray[np.float64] | None = None
     context: Context | None = None
+    oversampled: float = 1.0
 
     @classmethod
     def of(cls, u: ArrayLike, y: ArrayLike, Ts: float, v_x: ArrayLike | None = None) -> Self:
@@ -98,4 +101,28 @@ class Recording:
         u = self.u if len(self.u) == 1 else self.u[index]
         v_x = None if self.v_x is None else self.v_x[index]
         context = None if self.context is None else take(self.context, index)
-        return Recording(u, self.y[index], self.Ts, v_x, context)
+        return Recording(u, self.y[index], self.Ts, v_x, context, self.oversampled)
+
+    def resampled(self, Ts: float) -> "Recording":
+        """The same episodes sampled at another `Ts` [s].
+
+        The command is held between its samples, as a digital output holds it; the yaw rate,
+        four integrations further on, is smooth and follows a cubic spline.
+        """
+        if np.isclose(self.Ts, Ts, rtol=1e-6):
+            return self
+        from scipy.interpolate import make_interp_spline
+
+        N = self.y.shape[1]
+        if N < 4:
+            raise ValueError(f"{N} samples are too few to interpolate. Record for longer.")
+        at = np.arange(int(np.floor((N - 1) * self.Ts / Ts + 1e-9)) + 1) * (Ts / self.Ts)
+        held = np.floor(at + 1e-9).astype(np.intp)
+        y = make_interp_spline(np.arange(N), self.y, k=3, axis=1)(at)
+        return replace(
+            self,
+            u=self.u[:, held],
+            y=np.ascontiguousarray(y),
+            Ts=Ts,
+            oversampled=max(self.oversampled, self.Ts / Ts),
+        )

@@ -2,7 +2,7 @@
 
 import os
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -10,37 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from tuners import model_file
 from tuners.recording import Recording
-from yawrate_env.design import Design, Status
+from tuners.result import TuningResult
+from tuners.start import black_box
+from tuners.trust import Calibration, assess, fallback, result
+from yawrate_env.design import Design
 from yawrate_env.judge import Judge
 from yawrate_env.task import Prior, Task
 from yawrate_env.vehicle import Context, Vehicle
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class TuningResult:
-    """Gains for one recorded episode.
-
-    Attributes
-    ----------
-    kp : float
-        Proportional gain [s].
-    Ti : float
-        Integral time [s].
-    status : Status
-        Whether the design target was reached.
-    converged : bool
-        Whether the tuner's own numerics succeeded.
-    notes : tuple of str
-        What differs from the conditions that the tuner was made for, in words.
-    """
-
-    kp: float
-    Ti: float
-    status: Status
-    converged: bool
-    notes: tuple[str, ...]
 
 
 def nominal_context(prior: Prior) -> Context:
@@ -60,7 +38,7 @@ class Tuner(ABC):
     kind: ClassVar[str]
 
     def __init__(self, task: Task) -> None:
-        self.task = task
+        self.task, self.calibration = task, Calibration()
         nominal = Judge.of(task, nominal_context(task.prior)).oracle()
         self._fallback = float(nominal.kp[0]), float(nominal.Ti[0])
 
@@ -69,9 +47,14 @@ class Tuner(ABC):
         """Gains for every episode, and where the numerics converged."""
 
     def tune(
-        self, u: ArrayLike, y: ArrayLike, Ts: float, v_x: ArrayLike | None = None
+        self,
+        u: ArrayLike,
+        y: ArrayLike,
+        Ts: float,
+        v_x: ArrayLike | None = None,
+        start: str = "auto",
     ) -> TuningResult:
-        """Tune from one recorded episode.
+        """Tune from one recorded episode, and ask the recording whether to trust the gains.
 
         Parameters
         ----------
@@ -83,6 +66,10 @@ class Tuner(ABC):
             Sampling time [s].
         v_x : float or (N,), optional
             Speed [m/s]; that of the tuner's own vehicles if not given.
+        start : {"auto", "rest", "unknown"}
+            Whether the recording starts from rest without offsets, or in mid-drive, in
+            which case its start and offsets are estimated along; found from the data if
+            not given.
 
         Returns
         -------
@@ -94,17 +81,21 @@ class Tuner(ABC):
         ValueError
             The episode cannot be used; the message says why and what to do.
         """
-        recording = Recording.of(u, y, Ts, v_x)
-        design, converged = self.gains(recording)
-        notes = self._differences(recording)
+        given = Recording.of(u, y, Ts, v_x)
+        recording = given.resampled(self.task.experiment.Ts)
+        speeds = self.speeds(recording)
+        model = black_box(recording, start)
+        design, converged = self.gains(model.recording)
+        notes = self._differences(given)
         if not np.isfinite(design.kp[0]):
             notes += ("No gains found: these are the nominal vehicle's.",)
         if not converged[0]:
             notes += ("The fit did not converge: check the recording.",)
         kp, Ti = self._usable(design)
-        return TuningResult(
-            float(kp[0]), float(Ti[0]), Status(design.status[0]), bool(converged[0]), notes
-        )
+        used = Design(kp, Ti, design.status)
+        nominal = nominal_context(self.task.prior)
+        found = assess(self.task, nominal, recording, model, used, converged, speeds)
+        return result(found, used, converged, notes, self.calibration, fallback(self.task))
 
     def predict(
         self,
@@ -149,7 +140,7 @@ class Tuner(ABC):
 
     def settings(self) -> dict[str, Any]:
         """What to save beside the arrays, as plain JSON values."""
-        return {"task": asdict(self.task)}
+        return {"task": asdict(self.task), "calibration": asdict(self.calibration)}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Learned numbers to save."""

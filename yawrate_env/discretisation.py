@@ -9,9 +9,12 @@ a compiled loop, which was no faster and took seconds to compile.
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from yawrate_env.compiled import kernel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +40,53 @@ class DiscretePlant:
 
     def __len__(self) -> int:
         return len(self.A)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObserverForm:
+    """Plants in the coordinates ``w_i = C M_{i-1} x`` with the fewest multiplications.
+
+        y = w_1,   w_i+ = c w_i + w_{i+1} - alpha_i w_1 + beta_i u
+
+    alpha and beta are the coefficients of denominator and numerator in powers of ``z - c``,
+    highest first.  In z itself, slow poles would be differences of large numbers.
+
+    Attributes
+    ----------
+    centre : NDArray
+        (B,) c.
+    alpha, beta : NDArray
+        (B, n) coefficients.
+    rows : NDArray
+        (B, n, n) whose product with x is w.
+    """
+
+    centre: NDArray[np.float64]
+    alpha: NDArray[np.float64]
+    beta: NDArray[np.float64]
+    rows: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, plant: DiscretePlant, centre: float | None = None) -> Self:
+        """Transform; no inverse is needed, so that every plant has this form.
+
+        Parameters
+        ----------
+        centre : float, optional
+            c for all; each plant's own mean of its poles if not given.
+        """
+        count, n = plant.B.shape
+        c = np.trace(plant.A, axis1=1, axis2=2) / n
+        if centre is not None:
+            c = np.full_like(c, centre)
+        alpha, beta = np.empty_like(plant.B), np.empty_like(plant.B)
+        rows = np.empty((count, n, n), dtype=plant.B.dtype)
+        A, B = np.ascontiguousarray(plant.A), np.ascontiguousarray(plant.B)
+        _leverrier(A, B, np.ascontiguousarray(plant.C), c, alpha, beta, rows)
+        return cls(c, alpha, beta, rows)
+
+    def __len__(self) -> int:
+        return len(self.alpha)
 
 
 def zoh(
@@ -105,3 +155,41 @@ def _augmented(A: NDArray[np.float64], B: NDArray[np.float64], Ts: float) -> NDA
     X = np.zeros((len(A), A.shape[1] + 1, A.shape[1] + 1))
     X[:, :-1, :-1], X[:, :-1, -1] = A * Ts, B * Ts
     return X
+
+
+@kernel
+def _leverrier(
+    A: NDArray[np.inexact],
+    B: NDArray[np.inexact],
+    C: NDArray[np.float64],
+    centre: NDArray[np.inexact],
+    alpha: NDArray[np.inexact],
+    beta: NDArray[np.inexact],
+    rows: NDArray[np.inexact],
+) -> None:
+    """Leverrier and Faddeev's recursion ``M_k = D M_{k-1} + alpha_k I`` for ``D = A - c I``."""
+    n = B.shape[1]
+    D, M, DM = np.empty_like(A[0]), np.empty_like(A[0]), np.empty_like(A[0])
+    for b in range(len(A)):
+        for i in range(n):
+            for j in range(n):
+                M[i, j] = 1.0 if i == j else 0.0
+                D[i, j] = A[b, i, j] - centre[b] * M[i, j]
+        for k in range(n):
+            beta[b, k] = 0.0
+            for j in range(n):
+                rows[b, k, j] = 0.0
+                for i in range(n):
+                    rows[b, k, j] += C[i] * M[i, j]
+                beta[b, k] += rows[b, k, j] * B[b, j]
+            alpha[b, k] = 0.0
+            for i in range(n):
+                for j in range(n):
+                    DM[i, j] = 0.0
+                    for m in range(n):
+                        DM[i, j] += D[i, m] * M[m, j]
+                alpha[b, k] -= DM[i, i] / (k + 1.0)
+            for i in range(n):
+                for j in range(n):
+                    M[i, j] = DM[i, j]
+                M[i, i] += alpha[b, k]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.compiled import LANES, over_blocks
-from yawrate_env.discretisation import DiscretePlant, zoh
+from yawrate_env.discretisation import DiscretePlant, ObserverForm, zoh
 from yawrate_env.excitation import RANDOM_ORDER, prbs
 from yawrate_env.noise import KEY_WORDS, add_white_noise
 from yawrate_env.simulation import simulate_into
@@ -94,15 +94,14 @@ def record(
         Yaw rate with white noise at the experiment's SNR [rad/s]; `out` if given.
     """
     experiment = task.experiment
-    plant = plants(task.vehicle, draw.context, experiment.Ts)
+    form = ObserverForm.of(plants(task.vehicle, draw.context, experiment.Ts))
     u = excitation(experiment, draw.start)
     y = np.empty((len(draw), experiment.N)) if out is None else out
-    rest = np.zeros_like(plant.B)
     noise_over_signal = 10 ** (-experiment.snr_db / 20)
 
     def work(i: int, j: int) -> None:
         clean = np.empty((j - i, experiment.N))
-        simulate_into(clean, plant, u, rest, i, j)
+        simulate_into(clean, form, u, i, j)
         # einsum would sum a row differently in batches of other sizes.
         sigma = noise_over_signal * np.sqrt(np.square(clean).sum(axis=1) / experiment.N)
         add_white_noise(clean, sigma, draw.key[i:j], y[i:j])

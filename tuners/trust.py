@@ -1,0 +1,352 @@
+"""Whether gains can be trusted, judged by the recording that they come from.
+
+The simulator is fitted to the recording (`tuners.twin`), and so is a black box that knows
+nothing of vehicles (`tuners.start`).  Gains are trusted where the two tell the same story:
+what the simulator leaves over, the command does not explain either (its cross-correlation
+with the command, in the metric of the black box's coefficients), both respond alike at
+the crossover, the identified vehicle is one of the prior's, its loop meets the target, and
+the recording holds enough information to say so.  Nothing depends on which excitation
+was used or which tuner answered.
+
+The intervals are the fitted vehicle's margins plus or minus a factor times their standard
+deviation, the factor calibrated by split conformal prediction (Lei et al., 2018) with the
+scaled error as score.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.recording import Recording
+from tuners.result import Check, Interval, TuningResult, TwinFit
+from tuners.start import MODEL, BlackBox
+from tuners.twin import Twins, fit, moved
+from yawrate_env.batch import take
+from yawrate_env.design import Design, Status
+from yawrate_env.episode import plants
+from yawrate_env.judge import Judge
+from yawrate_env.loop import TransferFunction
+from yawrate_env.task import Prior, Task
+from yawrate_env.vehicle import Context
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.9
+GAUSSIAN = 1.6449
+"""Half width of the interval of `LEVEL` in standard deviations, for a normal error."""
+
+_STEP = 1e-4
+_DOUBT = 3.0  # standard deviations that a finding must exceed to count
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Largest values that are still trusted.
+
+    Attributes
+    ----------
+    noise : float
+        Residual over simulated yaw rate, root mean squares.
+    phase_margin_spread, crossover_spread : float
+        Standard deviation of the predicted margins [deg], [Hz].
+    misfit : float
+        Yaw rate that the command explains and the fitted vehicle does not, over the yaw
+        rate, beyond what noise can do.
+    response : float
+        Relative difference of fitted vehicle and black box at the crossover, beyond what
+        noise can do; 0.02 is about a degree.
+    outside : float
+        Distance of the fitted vehicle from the prior, in its ranges' widths.
+    phase_margin_error, crossover_error : float
+        Predicted margins' distance from the target [deg], [Hz].
+    colour : float
+        Power of the residual around the crossover over that of white noise.
+    unsolved : float
+        Whether the design or the numerics failed, as 1 or 0.
+    """
+
+    noise: float = 0.3
+    phase_margin_spread: float = 0.5
+    crossover_spread: float = 0.025
+    misfit: float = 0.01
+    response: float = 0.02
+    outside: float = 0.1
+    phase_margin_error: float = 1.5
+    crossover_error: float = 0.075
+    colour: float = 20.0
+    unsolved: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Half widths of the intervals in predicted standard deviations, and what they rest on.
+
+    Attributes
+    ----------
+    phase_margin, crossover : float
+        Factors; those of a normal error if nothing was calibrated.
+    episodes, seed : int
+        Of the calibration set; 0 episodes if nothing was calibrated.
+    """
+
+    phase_margin: float = GAUSSIAN
+    crossover: float = GAUSSIAN
+    episodes: int = 0
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assessment:
+    """What B recordings say of gains.
+
+    Attributes
+    ----------
+    model : BlackBox
+        Fitted without knowledge of vehicles.
+    twins : Twins
+        Fitted simulators.
+    margins, spread : NDArray
+        (B, 2) phase margin [deg] and crossover [Hz] of the loop with the fitted vehicle,
+        and their standard deviations.
+    findings : dict
+        Name of a check to values (B,).
+    """
+
+    model: BlackBox
+    twins: Twins
+    margins: Array
+    spread: Array
+    findings: dict[str, Array]
+
+    def trusted(self, limits: Limits) -> NDArray[np.bool_]:
+        """Where every finding is within its limit, (B,)."""
+        within = [values <= getattr(limits, name) for name, values in self.findings.items()]
+        return np.asarray(np.all(within, axis=0))
+
+    def checks(self, index: int, limits: Limits) -> tuple[Check, ...]:
+        """The checks of one recording, in words."""
+        return tuple(
+            Check(name, float(values[index]), getattr(limits, name), MESSAGES[name])
+            for name, values in self.findings.items()
+        )
+
+
+MESSAGES = {
+    "noise": "The yaw rate hardly follows the command: the sensor is dead, noisy or not "
+    "the one of this vehicle.",
+    "misfit": "No vehicle that the simulator knows answers this command so: check units, "
+    "signs, sampling time, speed and the vehicle's data.",
+    "response": "At the crossover the recording responds otherwise than the fitted vehicle: "
+    "check speed, sampling time and the vehicle's data.",
+    "colour": "Something other than the command moves the yaw rate around the crossover: a "
+    "disturbance, a drift or a sensor fault.",
+    "phase_margin_spread": "The recording holds too little information on the phase margin: "
+    "excite more strongly, more quickly, or for longer.",
+    "crossover_spread": "The recording holds too little information on the crossover: "
+    "excite more strongly, more quickly, or for longer.",
+    "outside": "The fitted vehicle lies outside the range that the tuner was made for.",
+    "phase_margin_error": "With the fitted vehicle these gains miss the wanted phase margin.",
+    "crossover_error": "With the fitted vehicle these gains miss the wanted crossover.",
+    "unsolved": "The target cannot be reached, or the numerics did not converge.",
+}
+
+
+def assess(
+    task: Task,
+    nominal: Context,
+    recording: Recording,
+    model: BlackBox,
+    design: Design,
+    converged: NDArray[np.bool_],
+    v_x: Array,
+) -> Assessment:
+    """Ask the recordings about gains.
+
+    Parameters
+    ----------
+    nominal : Context
+        One vehicle, from which the simulator's fit starts.
+    recording : Recording
+        As recorded.
+    model : BlackBox
+        Fitted to it.
+    design : Design
+        Gains for each episode, and whether the design succeeded.
+    converged : (B,) bool
+        Whether the tuner did.
+    v_x : (B,) float64
+        Speeds [m/s].
+    """
+    twins = fit(task, nominal, model, recording.y, v_x)
+    with np.errstate(all="ignore"):
+        margins, spread = _margins(task, twins, design)
+        target = np.array([task.target.phase_margin, task.target.crossover])
+        error = np.abs(margins - target)
+        findings = {
+            "noise": _ratio(twins.residual, twins.simulated),
+            "misfit": _misfit(model, twins),
+            "response": _response(task, model, twins),
+            "colour": twins.noise / (twins.residual**2).mean(axis=1) / recording.oversampled,
+            "phase_margin_spread": spread[:, 0],
+            "crossover_spread": spread[:, 1],
+            "outside": _outside(task, twins),
+            "phase_margin_error": error[:, 0],
+            "crossover_error": error[:, 1],
+            "unsolved": 1.0 - (converged & twins.converged & (design.status == Status.OK)),
+        }
+    return Assessment(model, twins, margins, spread, findings)
+
+
+def _margins(task: Task, twins: Twins, design: Design) -> tuple[Array, Array]:
+    """Margins of the fitted vehicles' loops and their standard deviations, (B, 2) each."""
+
+    def of(context: Context) -> Array:
+        verdict = Judge.of(task, context)(design.kp, design.Ti)
+        values = np.stack([verdict.margins.phase_margin, verdict.margins.crossover], axis=1)
+        return np.where(verdict.stable[:, None], values, np.nan)
+
+    count = len(twins.noise)
+    columns = []
+    for row in np.eye(2):
+        sides = [
+            of(moved(task.vehicle, twins.context, np.tile(sign * _STEP * row, (count, 1))))
+            for sign in (1, -1)
+        ]
+        columns.append((sides[0] - sides[1]) / (2 * _STEP))
+    J = np.stack(columns, axis=2)
+    variance = np.einsum("bij,bjk,bik->bi", J, twins.covariance, J)
+    return of(twins.context), np.sqrt(variance)
+
+
+def _ratio(residual: Array, simulated: Array) -> Array:
+    return np.asarray(np.sqrt((residual**2).mean(axis=1) / simulated.var(axis=1)))
+
+
+def _misfit(model: BlackBox, twins: Twins) -> Array:
+    """What the black box explains beyond the fitted vehicle, relative, less what noise can do."""
+    freedom = MODEL.order - 2
+    excess = (twins.residual**2).sum(axis=1) - model.residual
+    chance = twins.noise * (freedom + _DOUBT * np.sqrt(2 * freedom))
+    return np.asarray(np.sqrt(np.maximum(excess - chance, 0) / (twins.simulated**2).sum(axis=1)))
+
+
+def _response(task: Task, model: BlackBox, twins: Twins) -> Array:
+    """Relative difference of black box and fitted vehicle, less three standard deviations."""
+    Ts, omega = model.recording.Ts, np.array([task.target.omega_c])
+    functions = MODEL.frequency_response(omega, Ts)[:, 0]
+    own = model.coefficients @ functions
+    fitted = TransferFunction.of(plants(task.vehicle, twins.context, Ts))(omega)[:, 0]
+    scaled = np.linalg.solve(model.information, functions[:, None])[..., 0]
+    spread = np.sqrt(twins.noise * (scaled @ functions.conj()).real) / np.abs(fitted)
+    return np.asarray(np.maximum(np.abs(own / fitted - 1) - _DOUBT * spread, 0))
+
+
+def _outside(task: Task, twins: Twins) -> Array:
+    """Distance from the prior in widths of its ranges, less three standard deviations."""
+    prior, context = task.prior, twins.context
+    mass = task.vehicle.M_0 + context.M_delta
+    doubt = _DOUBT * np.sqrt(twins.covariance.diagonal(axis1=1, axis2=2))
+    worst = np.zeros(len(mass))
+    for name, slack in (("mu_s", doubt[:, 0] * context.mu_s), ("M_delta", doubt[:, 1] * mass)):
+        low, high = getattr(prior, name)
+        value = getattr(context, name)
+        beyond = np.maximum(np.maximum(low - value, value - high) - slack, 0)
+        worst = np.maximum(worst, beyond / max(high - low, 1e-9))
+    return worst
+
+
+def result(
+    found: Assessment,
+    design: Design,
+    converged: NDArray[np.bool_],
+    notes: tuple[str, ...],
+    calibration: Calibration,
+    safe: tuple[float, float],
+) -> TuningResult:
+    """Put the first episode's gains, margins and checks together."""
+    checks = found.checks(0, Limits())
+    factors = (calibration.phase_margin, calibration.crossover)
+    phase_margin, crossover = (
+        Interval(float(value), float(value - factor * spread), float(value + factor * spread))
+        for value, spread, factor in zip(found.margins[0], found.spread[0], factors, strict=True)
+    )
+    return TuningResult(
+        kp=float(design.kp[0]),
+        Ti=float(design.Ti[0]),
+        status=Status(design.status[0]),
+        converged=bool(converged[0]),
+        notes=notes,
+        phase_margin=phase_margin,
+        crossover=crossover,
+        trusted=all(check.passed for check in checks),
+        reasons=tuple(check.message for check in checks if not check.passed),
+        fallback=safe,
+        checks=checks,
+        fit=_twin_fit(found),
+    )
+
+
+def _twin_fit(found: Assessment) -> TwinFit:
+    twins, recording = found.twins, found.model.recording
+    simulated, residual = twins.simulated[0], twins.residual[0]
+    free = found.model.free[0]
+    return TwinFit(
+        context=take(twins.context, slice(0, 1)),
+        command=recording.u[0],
+        measured=simulated + residual,
+        simulated=simulated,
+        Ts=recording.Ts,
+        offset=float(found.model.offset[0]),
+        initial=float(np.sqrt(np.mean((free - found.model.offset[0]) ** 2))),
+        from_rest=not found.model.unknown[0],
+        snr_db=float(10 * np.log10(simulated.var() / np.mean(residual**2))),
+    )
+
+
+def calibrated(
+    predicted: Array, spread: Array, actual: Array, seed: int, level: float = LEVEL
+) -> Calibration:
+    """Split conformal factors from calibration episodes, (E, 2) each.
+
+    The factor is the ceil((E + 1) level)-th smallest scaled error, which makes intervals
+    hold with probability `level` or more whatever the errors' distribution.
+    """
+    scores = np.sort(np.abs(actual - predicted) / spread, axis=0)
+    rank = int(np.ceil((len(scores) + 1) * level)) - 1
+    return Calibration(float(scores[rank, 0]), float(scores[rank, 1]), len(scores), seed)
+
+
+def prior_grid(prior: Prior, points: int) -> Context:
+    """Vehicles on a grid over the prior, its ends included."""
+    axes = [
+        np.linspace(*ends, points if ends[0] < ends[1] else 1)
+        for ends in (prior.mu_s, prior.M_delta, prior.v_x)
+    ]
+    return Context.of(*(axis.ravel() for axis in np.meshgrid(*axes)))
+
+
+@cache
+def fallback(task: Task) -> tuple[float, float]:
+    """(kp, Ti) that are safe for every vehicle of the prior.
+
+    Of the gains that are right for some vehicle of a grid, and of the same with lower
+    kp, those that keep every vehicle's loop farther than 1/2 from -1 and whose slowest
+    loop is the fastest; the safest of all where none does.
+    """
+    vehicles = prior_grid(task.prior, 5)
+    design = Judge.of(task, vehicles).oracle()
+    right = np.isfinite(design.kp)
+    lower = np.array([1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1])
+    kp = (design.kp[right, None] * lower).ravel()
+    Ti = np.repeat(design.Ti[right], len(lower))
+    count, each = len(vehicles), len(kp)
+    everyone = np.repeat(np.arange(count), each)
+    judge = Judge.of(task, Context(*(getattr(vehicles, n)[everyone] for n in Context.__slots__)))
+    verdict = judge(np.tile(kp, count), np.tile(Ti, count))
+    modulus = np.where(verdict.stable, verdict.margins.modulus_margin, 0.0)
+    safety = modulus.reshape(count, each).min(axis=0)
+    speed = np.nan_to_num(verdict.margins.crossover.reshape(count, each)).min(axis=0)
+    best = np.argmax(np.where(safety >= 0.5, 1.0 + speed, safety - 1.0))
+    return float(kp[best]), float(Ti[best])
