@@ -276,9 +276,10 @@ STEER, YAW_RATE = "steer", "yaw_rate"
     [
         ({STEER: lambda x: 0 * x + 0.02}, r"steering is constant \(1\.15 deg\)"),
         ({YAW_RATE: lambda x: 0 * x}, "yaw rate is constant"),
-        ({STEER: lambda x: np.degrees(x)}, "reaches 57 deg at the road wheel.*--steer-unit"),
+        ({STEER: lambda x: np.degrees(x)}, "reaches 57.3 deg at the road wheel.*--steer-unit"),
         ({STEER: lambda x: 0.02 * np.sin(np.arange(len(x)) * 2e-3) + x * 1e-6}, "hardly moves"),
-        ({"speed": lambda x: 0 * x}, "speed falls to 0 m/s"),
+        ({YAW_RATE: lambda x: 400 * x}, r"yaw rate reaches \d+ rad/s\. Give --yaw-rate-unit"),
+        ({"speed": lambda x: 0 * x}, r"speed runs from 0 to 0 m/s"),
     ],
 )
 def test_hopeless_recordings_are_refused(written, signals, change, message):

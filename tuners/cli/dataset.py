@@ -22,7 +22,13 @@ from yawrate_env.task import Task
 @click.option("--workers", type=click.IntRange(min=1), help="Processes. [default: one a core]")
 @click.option("--verify", is_flag=True, help="Check a folder against its own record.")
 @click.option("--vehicle", type=READABLE, help="A vehicle's TOML file. [default: the paper's]")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Of the random vehicles.",
+)
 @click.option(
     "--shard-size",
     type=click.IntRange(min=1),

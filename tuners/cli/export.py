@@ -24,7 +24,13 @@ TARGETS = ("c", "matlab", "json", "onnx")
     help="Sampling time of the controller [s].",
 )
 @click.option("--tuner", metavar="NAME|FILE", help="A tuner, for onnx.")
-@click.option("--target", type=click.Choice(TARGETS), default="c", show_default=True)
+@click.option(
+    "--target",
+    type=click.Choice(TARGETS),
+    default="c",
+    show_default=True,
+    help="What to write: a controller as source or data, or a tuner as a network.",
+)
 @click.option("-o", "--out", type=Output(), required=True, help="File to write.")
 def command(
     kp: float | None, ti: float | None, ts: float, tuner: str | None, target: str, out: Path

@@ -90,7 +90,9 @@ def _flags() -> list[Callable[..., Any]]:
     return [
         *flags,
         click.option("--Ts", "ts", type=POSITIVE, help="Sampling time [s], instead of a column."),
-        click.option("--speed", type=POSITIVE, help="Constant speed, in --speed-unit, instead of a column."),
+        click.option(
+            "--speed", type=POSITIVE, help="Constant speed in --speed-unit, instead of a column."
+        ),
         click.option(
             "--steer-ratio", type=POSITIVE, default=1.0, show_default=True,
             help="Hand-wheel angle over road-wheel angle.",

@@ -30,7 +30,13 @@ ONE_SPEED, ANY_SPEED = "ts-ff-lag", "ts-ff-lag-vx"
     show_default=True,
     help="Simulated vehicles.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Of the random vehicles.",
+)
 def command(vehicle: Path | None, out: Path, episodes: int, seed: int) -> None:
     """Train a tuner for a vehicle, and say how accurate it is.
 

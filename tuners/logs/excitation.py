@@ -13,7 +13,7 @@ from tuners.logs.table import Array, LogError
 
 SHORTEST = 3.0
 _WEAK_RMS, _NO_RMS = np.radians(0.1), np.radians(0.002)
-_LARGEST_ANGLE = np.radians(45)
+_LARGEST_ANGLE, _LARGEST_YAW_RATE, _LARGEST_SPEED = np.radians(45), 10.0, 150.0
 _LINEAR = 4.0  # [m/s^2] of lateral acceleration, beyond which tyres saturate on dry asphalt
 
 
@@ -74,11 +74,7 @@ def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: flo
         raise LogError(f"The steering is constant ({np.degrees(steer[0]):.3g} deg): nothing moves.")
     if not np.ptp(yaw_rate) > 1e-9:
         raise LogError(f"The yaw rate is constant ({yaw_rate[0]:.3g} rad/s): is it the right one?")
-    if np.abs(steer).max() > _LARGEST_ANGLE:
-        raise LogError(
-            f"The steering reaches {np.degrees(np.abs(steer).max()):.0f} deg at the road wheel. "
-            "Give --steer-unit, or the --steer-ratio of the hand wheel."
-        )
+    _plausible(steer, yaw_rate, speed)
     band = band_around(crossover)
     rms = rms_in_band(steer, Ts, band)
     within = f"between {band[0]:.2g} and {band[1]:.2g} Hz"
@@ -93,13 +89,30 @@ def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: flo
     if rms < _WEAK_RMS:
         notes.append(f"Weak excitation: {np.degrees(rms):.2g} deg rms {within}.")
     if changes < 4:
-        notes.append(f"Little excitation: the steering changes sides {changes} times.")
+        notes.append(f"Little excitation: the steering crosses its middle {_times(changes)}.")
     lateral = float(np.abs(yaw_rate * speed).max())
     if lateral > _LINEAR:
         notes.append(
             f"Lateral acceleration reaches {lateral:.1f} m/s^2, where tyres are no longer linear."
         )
     return Excitation(duration, amplitude, band, rms, changes, tuple(notes))
+
+
+def _plausible(steer: Array, yaw_rate: Array, speed: Array) -> None:
+    """Refuse what no car does: a unit that is not the assumed one."""
+    angle, turn = np.degrees(np.abs(steer).max()), np.abs(yaw_rate).max()
+    if angle > np.degrees(_LARGEST_ANGLE):
+        raise LogError(
+            f"The steering reaches {angle:.3g} deg at the road wheel. "
+            "Give --steer-unit, or the --steer-ratio of the hand wheel."
+        )
+    if turn > _LARGEST_YAW_RATE:
+        raise LogError(f"The yaw rate reaches {turn:.3g} rad/s. Give --yaw-rate-unit.")
+    if not 0 < speed.min() <= speed.max() <= _LARGEST_SPEED:
+        raise LogError(
+            f"The speed runs from {speed.min():.3g} to {speed.max():.3g} m/s. "
+            "Give --speed-unit, or choose a stretch with --from and --to."
+        )
 
 
 def best_stretch(
@@ -124,3 +137,7 @@ def _windowed(x: Array, samples: int) -> Array:
     """Running means over `samples`."""
     sums = np.concatenate([[0.0], np.cumsum(x)])
     return np.asarray((sums[samples:] - sums[:-samples]) / samples)
+
+
+def _times(count: int) -> str:
+    return ("never", "only once", "only twice")[count] if count < 3 else f"only {count} times"

@@ -18,15 +18,16 @@ def read(path: Path) -> Table:
         raise LogError('MDF files need asammdf: pip install "yawrate[mdf]".') from None
     MDF4.__del__ = _close  # type: ignore[method-assign]
     try:
-        file = MDF(path)
-        names = tuple(name for name in file.channels_db if name not in ("t", "time", "Time"))
+        with MDF(path) as file:
+            names = tuple(name for name in file.channels_db if name not in ("t", "time", "Time"))
     except Exception as error:  # asammdf raises all kinds on damaged files
         raise LogError(f"The MDF file cannot be read: {error or type(error).__name__}") from None
 
     def column(name: str) -> Column:
-        group, index = file.channels_db[name][0]
         try:
-            signal = file.get(group=group, index=index)
+            with MDF(path) as file:
+                group, index = file.channels_db[name][0]
+                signal = file.get(group=group, index=index)
             values = np.asarray(signal.samples, dtype=np.float64)
         except Exception as error:
             raise LogError(f"Channel {name} cannot be read: {error}") from None
@@ -39,5 +40,6 @@ def read(path: Path) -> Table:
 
 def _close(file: Any) -> None:
     """Instead of asammdf's finaliser, which prints a traceback where a file did not open."""
-    with suppress(AttributeError):
-        file.close()
+    for close in (lambda: file.close(), lambda: file._tempfile.close()):
+        with suppress(AttributeError):
+            close()
