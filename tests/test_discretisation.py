@@ -3,7 +3,7 @@ import pytest
 import scipy.linalg
 from systems import contexts
 
-from yawrate_env.discretisation import expm, zoh, zoh_with_sensitivity
+from yawrate_env.discretisation import ObserverForm, expm, zoh, zoh_with_sensitivity
 from yawrate_env.vehicle import Context, Vehicle, state_space, state_space_sensitivity
 
 SAMPLING_TIMES = [1e-4, 0.001, 0.01, 0.1]
@@ -85,3 +85,36 @@ def test_one_plant_does_not_depend_on_the_batch():
         alone = zoh(A[b : b + 1], B[b : b + 1], C, 0.01)
         np.testing.assert_array_equal(alone.A[0], together.A[b])
         np.testing.assert_array_equal(alone.B[0], together.B[b])
+
+
+@pytest.mark.parametrize("centre", [None, 1.0, 0.3])
+def test_observer_form_has_the_plants_response(centre):
+    plant = zoh(*state_space(Vehicle(), contexts(5, seed=3)), 0.01)
+    form = ObserverForm.of(plant, centre)
+    z = np.exp(1j * np.array([0.01, 0.1, 1.0, 3.0]))
+    for b, c in enumerate(form.centre):
+        companion = c * np.eye(6) + np.eye(6, k=1)
+        companion[:, 0] -= form.alpha[b]
+        T, A = form.rows[b], plant.A[b]  # w = T x turns (A, B, C) into the companion form
+        np.testing.assert_allclose(T @ A, companion @ T, rtol=0, atol=1e-13 * np.abs(T).max())
+        np.testing.assert_allclose(T @ plant.B[b], form.beta[b], rtol=0, atol=1e-15)
+        np.testing.assert_array_equal(T[0], plant.C)
+        ratio = np.polyval([0, *form.beta[b]], z - c) / np.polyval([1, *form.alpha[b]], z - c)
+        resolvent = np.linalg.inv(z[:, None, None] * np.eye(6) - A)
+        np.testing.assert_allclose(ratio, resolvent @ plant.B[b] @ plant.C, rtol=1e-9)
+
+
+def test_observer_forms_derivatives_are_central_differences():
+    vehicle, context, Ts, h = Vehicle(), contexts(5, seed=4), 0.001, 1e-6
+    A, B, C = state_space(vehicle, context)
+    dA = state_space_sensitivity(vehicle, context) * [[[[0.5]], [[2000.0]]]]
+    plant, dAd, dBd = zoh_with_sensitivity(A, B, C, dA, Ts)
+    form = ObserverForm.of(plant, 1.0)
+    found = form.sensitivity(plant, dAd, dBd)
+    for p in range(2):
+        up, down = (ObserverForm.of(zoh(A + s * h * dA[:, p], B, C, Ts), 1.0) for s in (1, -1))
+        for exact, name in zip(found, ("alpha", "beta"), strict=True):
+            expected = (getattr(up, name) - getattr(down, name)) / (2 * h)
+            # Coefficient by coefficient: they span ten powers of ten.
+            scale = np.abs(getattr(form, name))
+            np.testing.assert_allclose(exact[:, p] / scale, expected / scale, atol=1e-6)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from recordings import drawn, recorded
 
-from tuners.gray_box import GrayBox, identify, output_gram
+from tuners.gray_box import GrayBox
+from tuners.identification import identify, output_gram
 from tuners.recording import Recording
 from tuners.tuner import nominal_context
 from yawrate_env.episode import excitation, plants, record

@@ -2,9 +2,10 @@
 
 The sum of squared output errors from rest (the noise is white, so this is the
 prediction error) is minimised by damped Gauss-Newton steps from the middle of the
-prior, in the logarithms of friction and total mass, with exact output sensitivities:
+prior, in the logarithms of friction and total mass, with exact output sensitivities.
+In observer form (see `ObserverForm`), for every parameter theta and with ``s_1 = dy/dtheta``,
 
-    x+ = A x + B u,   s_i+ = A s_i + (dA/dtheta_i) x + (dB/dtheta_i) u,   y = C x
+    s_i+ = c s_i + s_{i+1} - alpha_i s_1 - (d alpha_i/d theta) y + (d beta_i/d theta) u,
 
 simulated side by side for ``LANES`` vehicles.
 """
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from tuners.recording import Recording
 from yawrate_env.compiled import LANES, kernel, over_blocks
-from yawrate_env.discretisation import zoh_with_sensitivity
+from yawrate_env.discretisation import ObserverForm, zoh_with_sensitivity
 from yawrate_env.vehicle import (
     N_STATES,
     Context,
@@ -122,13 +123,10 @@ def output_gram(
     by_log = np.stack([context.mu_s, total_mass(vehicle, context)], axis=1)
     dA = state_space_sensitivity(vehicle, context) * by_log[:, :, None, None]
     plant, dAd, dBd = zoh_with_sensitivity(A, B, C, dA, recording.Ts)
-    packed = np.concatenate(
-        [
-            np.stack([plant.A, dAd[:, 0], dAd[:, 1]], axis=1).reshape(len(rows), -1),
-            np.stack([plant.B, dBd[:, 0], dBd[:, 1]], axis=1).reshape(len(rows), -1),
-        ],
-        axis=1,
-    )
+    form = ObserverForm.of(plant)
+    by_alpha, by_beta = (d.swapaxes(0, 1) for d in form.sensitivity(plant, dAd, dBd))
+    parts = (form.centre[:, None], form.alpha, form.beta, *by_alpha, *by_beta)
+    packed = np.concatenate(parts, axis=1)
     gram = np.empty((len(rows), 3, 3))
     width = LANES if len(rows) > 2 else 1
 
@@ -137,8 +135,7 @@ def output_gram(
         episodes = rows[lanes]
         u = recording.u[episodes] if len(recording.u) > 1 else recording.u
         work = np.zeros((_ROWS, width))
-        work[: packed.shape[1]] = packed[lanes].T
-        work[_OUTPUT:_STATE] = C[:, None]
+        work[:_STATE] = packed[lanes].T
         _gram(width)(u, recording.y, episodes, work.reshape(-1))
         sums = work[_SUMS:, : j - i]
         upper = np.triu_indices(3)
@@ -166,17 +163,17 @@ def _solve_2x2(H: Array, g: Array) -> Array:
     )
 
 
-# The flat workspace, in rows of one number a lane: A and its two derivatives, B and its
-# two, C, the state and its two sensitivities now and next, the sample's command and
+# The flat workspace, in rows of one number a lane: centre, alpha, beta, the two derivatives
+# of alpha and of beta, the state and its two sensitivities, the sample's command and
 # measurement, and the six sums.  With one array the compiler sees that nothing overlaps
 # and vectorises over the lanes.
 _N = N_STATES
-_MATRIX = _N * _N
-_INPUT = 3 * _MATRIX
-_OUTPUT = _INPUT + 3 * _N
-_STATE = _OUTPUT + _N
-_NEXT = _STATE + 3 * _N
-_COMMAND = _NEXT + 3 * _N
+_ALPHA = 1
+_BETA = _ALPHA + _N
+_D_ALPHA = _BETA + _N
+_D_BETA = _D_ALPHA + 2 * _N
+_STATE = _D_BETA + 2 * _N
+_COMMAND = _STATE + 3 * _N
 _MEASURED = _COMMAND + 1
 _SUMS = _MEASURED + 1
 _ROWS = _SUMS + 6
@@ -184,7 +181,7 @@ _ROWS = _SUMS + 6
 
 @cache
 def _gram(lanes: int) -> Any:
-    """Compile for a number of lanes; one lane serves a single episode four times faster."""
+    """Compile for a number of lanes; one lane serves a single episode several times faster."""
 
     @kernel
     def gram(
@@ -198,36 +195,33 @@ def _gram(lanes: int) -> Any:
                 work[_MEASURED * lanes + lane] = y[episodes[lane], k]
                 work[_COMMAND * lanes + lane] = u[min(lane, len(u) - 1), k]
             for lane in range(lanes):
-                e, s1, s2 = work[_MEASURED * lanes + lane], 0.0, 0.0
-                for j in range(_N):
-                    c = work[(_OUTPUT + j) * lanes + lane]
-                    e -= c * work[(_STATE + j) * lanes + lane]
-                    s1 += c * work[(_STATE + _N + j) * lanes + lane]
-                    s2 += c * work[(_STATE + 2 * _N + j) * lanes + lane]
+                c, command = work[lane], work[_COMMAND * lanes + lane]
+                output = work[_STATE * lanes + lane]
+                s1 = work[(_STATE + _N) * lanes + lane]
+                s2 = work[(_STATE + 2 * _N) * lanes + lane]
+                e = work[_MEASURED * lanes + lane] - output
                 work[_SUMS * lanes + lane] += e * e
                 work[(_SUMS + 1) * lanes + lane] += e * s1
                 work[(_SUMS + 2) * lanes + lane] += e * s2
                 work[(_SUMS + 3) * lanes + lane] += s1 * s1
                 work[(_SUMS + 4) * lanes + lane] += s1 * s2
                 work[(_SUMS + 5) * lanes + lane] += s2 * s2
-            for i in range(_N):  # outside the lanes: the unrolled sums stay small enough
-                for lane in range(lanes):
-                    command = work[_COMMAND * lanes + lane]
-                    x = work[(_INPUT + i) * lanes + lane] * command
-                    t1 = work[(_INPUT + _N + i) * lanes + lane] * command
-                    t2 = work[(_INPUT + 2 * _N + i) * lanes + lane] * command
-                    for j in range(_N):
-                        a = work[(i * _N + j) * lanes + lane]
-                        d1 = work[(_MATRIX + i * _N + j) * lanes + lane]
-                        d2 = work[(2 * _MATRIX + i * _N + j) * lanes + lane]
-                        x_j = work[(_STATE + j) * lanes + lane]
-                        x += a * x_j
-                        t1 += a * work[(_STATE + _N + j) * lanes + lane] + d1 * x_j
-                        t2 += a * work[(_STATE + 2 * _N + j) * lanes + lane] + d2 * x_j
-                    work[(_NEXT + i) * lanes + lane] = x
-                    work[(_NEXT + _N + i) * lanes + lane] = t1
-                    work[(_NEXT + 2 * _N + i) * lanes + lane] = t2
-            for i in range(3 * _N * lanes):
-                work[_STATE * lanes + i] = work[_NEXT * lanes + i]
+                for i in range(_N):
+                    alpha = work[(_ALPHA + i) * lanes + lane]
+                    at = (_STATE + i) * lanes + lane
+                    x = c * work[at] - alpha * output + work[(_BETA + i) * lanes + lane] * command
+                    t1 = c * work[at + _N * lanes] - alpha * s1
+                    t1 -= work[(_D_ALPHA + i) * lanes + lane] * output
+                    t1 += work[(_D_BETA + i) * lanes + lane] * command
+                    t2 = c * work[at + 2 * _N * lanes] - alpha * s2
+                    t2 -= work[(_D_ALPHA + _N + i) * lanes + lane] * output
+                    t2 += work[(_D_BETA + _N + i) * lanes + lane] * command
+                    if i + 1 < _N:
+                        x += work[at + lanes]
+                        t1 += work[at + (_N + 1) * lanes]
+                        t2 += work[at + (2 * _N + 1) * lanes]
+                    work[at] = x
+                    work[at + _N * lanes] = t1
+                    work[at + 2 * _N * lanes] = t2
 
     return gram

@@ -72,7 +72,9 @@ class Recording:
             Rows as in the environment: command, yaw rate, then ``v_x`` if the speed is
             visible, and ``mu_s, M_delta`` too if the context is.
         """
-        array = np.asarray(obs, dtype=np.float64)
+        array = np.asarray(obs)
+        if array.dtype != np.float32:  # a batch of the environment's is converted last, in parts
+            array = np.asarray(array, dtype=np.float64)
         single = array.ndim == 2
         array = array[None] if single else array
         if array.ndim != 3 or array.shape[1] not in (2, 3, 5):
@@ -80,18 +82,18 @@ class Recording:
                 f"obs has shape {np.shape(obs)}, wanted (rows, N) or (B, rows, N) with 2, 3 or 5 "
                 "rows, as yawrate/PITuning-v0 gives them."
             )
-        validation.finite_array("obs", array, shape=(None, None, None))
+        if not np.isfinite(array).all():
+            validation.finite_array("obs", array, shape=(None, None, None))  # says where
         u = array[:, 0]
         u = u[:1] if (u == u[:1]).all() else u
-        v_x = array[:, 2, 0].copy() if array.shape[1] > 2 else None
+        v_x = array[:, 2, 0].astype(np.float64) if array.shape[1] > 2 else None
         context = (
             Context.of(array[:, 3, 0], array[:, 4, 0], v_x)
             if v_x is not None and array.shape[1] == 5
             else None
         )
-        return cls(
-            np.ascontiguousarray(u), np.ascontiguousarray(array[:, 1]), Ts, v_x, context
-        ), single
+        command, measured = (x.astype(np.float64, order="C") for x in (u, array[:, 1]))
+        return cls(command, measured, Ts, v_x, context), single
 
     def __len__(self) -> int:
         return len(self.y)

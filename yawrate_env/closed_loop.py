@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env import controller
+from yawrate_env.compiled import over_blocks
 from yawrate_env.discretisation import DiscretePlant
 from yawrate_env.task import Target
+
+_BLOCK = 64
 
 
 def closed_loop(
@@ -57,7 +60,13 @@ def poles(
 ) -> NDArray[np.complex128]:
     """Closed-loop poles in z, (B, n + d + 1)."""
     A, *_ = closed_loop(plant, kp, Ti, target)
-    return np.asarray(np.linalg.eigvals(A), dtype=np.complex128)
+    found = np.empty(A.shape[:2], dtype=np.complex128)
+
+    def some(i: int, j: int) -> None:
+        found[i:j] = np.linalg.eigvals(A[i:j])
+
+    over_blocks(some, len(A), _BLOCK)
+    return found
 
 
 def stable(

@@ -1,20 +1,24 @@
 """Exact zero-order hold, batched, with exact derivatives.
 
-``expm([[A, B], [0, 0]] Ts) = [[Ad, Bd], [0, 1]]`` (Van Loan, 1978), and the derivative
-along dX is the upper right block of ``expm([[X, dX], [0, X]])`` (Higham, *Functions of
-Matrices*, eq. 3.16).  The exponential is a Taylor series of order 16, scaled to norm
-1/2 (remainder below 1e-19) and squared back.  Stacked matrix products were preferred
-to ``scipy.linalg.expm``, which spends more on one plant than an episode costs, and to
-a compiled loop, which was no faster and took seconds to compile.
+``expm([[A, B], [0, 0]] Ts) = [[Ad, Bd], [0, 1]]`` (Van Loan, 1978).  Derivatives are the
+imaginary parts of the same formulas after an imaginary step too small to be seen in the
+real part (Squire and Trapp, 1998): nothing cancels, so they are exact to rounding, and
+nothing is written twice.  The exponential is a Taylor series of order 16, scaled to norm
+1/2 (remainder below 1e-19) and squared back; ``scipy.linalg.expm`` spends more on one
+plant than an episode costs.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.compiled import kernel
+from yawrate_env.compiled import kernel, over_blocks
+
+_STEP = 1e-40j
+_COEFFICIENTS = 1 / np.cumprod([1.0, *range(1, 17)])
+_BLOCK = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,15 +79,28 @@ class ObserverForm:
         centre : float, optional
             c for all; each plant's own mean of its poles if not given.
         """
-        count, n = plant.B.shape
-        c = np.trace(plant.A, axis1=1, axis2=2) / n
+        c = np.trace(plant.A, axis1=1, axis2=2) / plant.A.shape[1]
         if centre is not None:
             c = np.full_like(c, centre)
-        alpha, beta = np.empty_like(plant.B), np.empty_like(plant.B)
-        rows = np.empty((count, n, n), dtype=plant.B.dtype)
-        A, B = np.ascontiguousarray(plant.A), np.ascontiguousarray(plant.B)
-        _leverrier(A, B, np.ascontiguousarray(plant.C), c, alpha, beta, rows)
-        return cls(c, alpha, beta, rows)
+        return cls(c, *_polynomials(plant.A, plant.B, plant.C, c))
+
+    def sensitivity(
+        self, plant: DiscretePlant, dAd: NDArray[np.float64], dBd: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Derivatives of alpha and beta, (B, p, n) each, where the centre stays.
+
+        Parameters
+        ----------
+        plant : DiscretePlant
+            What this is the form of.
+        dAd, dBd : (B, p, n, n), (B, p, n) float64
+            Derivatives of its matrices.
+        """
+        _, p, n = dBd.shape
+        A = (plant.A[:, None] + _STEP * dAd).reshape(-1, n, n)
+        B = (plant.B[:, None] + _STEP * dBd).reshape(-1, n)
+        alpha, beta, _ = _polynomials(A, B, plant.C, np.repeat(self.centre, p))
+        return _derivative(alpha).reshape(dBd.shape), _derivative(beta).reshape(dBd.shape)
 
     def __len__(self) -> int:
         return len(self.alpha)
@@ -117,55 +134,102 @@ def zoh_with_sensitivity(
     dAd : (B, p, n, n)
     dBd : (B, p, n)
     """
-    count, p, n, _ = dA.shape
-    size = n + 1
-    X = np.zeros((count, p, 2 * size, 2 * size))
-    X[:, :, :size, :size] = X[:, :, size:, size:] = _augmented(A, B, Ts)[:, None]
-    X[:, :, :n, size : size + n] = dA * Ts
-    dE = expm(X.reshape(-1, 2 * size, 2 * size)).reshape(X.shape)[:, :, :n, size:]
+    _, p, n, _ = dA.shape
+    moved = (A[:, None] + _STEP * dA).reshape(-1, n, n)
+    dE = _derivative(expm(_augmented(moved, np.repeat(B, p, axis=0), Ts)))
+    dE = dE.reshape(-1, p, n + 1, n + 1)[:, :, :n]
     return zoh(A, B, C, Ts), dE[..., :-1].copy(), dE[..., -1].copy()
 
 
-def expm(X: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Exponentials of (K, m, m) matrices; one's result does not depend on the others."""
-    norm = np.abs(X).sum(axis=1).max(axis=1)
-    squarings = np.ceil(np.log2(np.maximum(2 * norm, 1.0))).astype(int)
-    E = _taylor(X * (0.5**squarings)[:, None, None])
-    for s in range(1, squarings.max(initial=0) + 1):
-        rest = squarings >= s
-        E[rest] = E[rest] @ E[rest]
+def expm(X: NDArray[Any]) -> NDArray[Any]:
+    """Exponentials of (K, m, m) matrices, real or complex."""
+    E, inputs = np.empty_like(X), np.ascontiguousarray(X)
+    over_blocks(lambda i, j: _expm(inputs[i:j], _COEFFICIENTS, E[i:j]), len(X), _BLOCK)
     return E
 
 
-def _taylor(X: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum of X^k / k! to k = 16 in six products (Paterson and Stockmeyer, 1973)."""
-    c = 1 / np.cumprod([1.0, *range(1, 17)])
-    eye = np.eye(X.shape[-1])
-    X2 = X @ X
-    X3, X4 = X2 @ X, X2 @ X2
-    E = c[16] * X4
-    for k in (12, 8, 4, 0):
-        E = E + c[k] * eye + c[k + 1] * X + c[k + 2] * X2 + c[k + 3] * X3
-        if k:
-            E = E @ X4
-    return np.asarray(E)
-
-
-def _augmented(A: NDArray[np.float64], B: NDArray[np.float64], Ts: float) -> NDArray[np.float64]:
-    X = np.zeros((len(A), A.shape[1] + 1, A.shape[1] + 1))
+def _augmented(A: NDArray[Any], B: NDArray[Any], Ts: float) -> NDArray[Any]:
+    X = np.zeros((len(A), A.shape[1] + 1, A.shape[1] + 1), A.dtype)
     X[:, :-1, :-1], X[:, :-1, -1] = A * Ts, B * Ts
     return X
 
 
+def _derivative(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.asarray(values.imag / _STEP.imag)
+
+
+def _polynomials(
+    A: NDArray[Any], B: NDArray[Any], C: NDArray[np.float64], centre: NDArray[np.float64]
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """alpha, beta and rows of the observer form, of real or complex matrices."""
+    alpha, beta, rows = np.empty_like(B), np.empty_like(B), np.empty_like(A)
+    A, B, C = np.ascontiguousarray(A), np.ascontiguousarray(B), np.ascontiguousarray(C)
+
+    def some(i: int, j: int) -> None:
+        _leverrier(A[i:j], B[i:j], C, centre[i:j], alpha[i:j], beta[i:j], rows[i:j])
+
+    over_blocks(some, len(A), _BLOCK)
+    return alpha, beta, rows
+
+
+@kernel
+def _multiply(P: NDArray[Any], Q: NDArray[Any], out: NDArray[Any]) -> None:
+    for i in range(len(P)):
+        for j in range(len(P)):
+            out[i, j] = 0.0
+        for k in range(len(P)):
+            for j in range(len(P)):
+                out[i, j] += P[i, k] * Q[k, j]
+
+
+@kernel
+def _expm(X: NDArray[Any], c: NDArray[np.float64], out: NDArray[Any]) -> None:
+    """Sum of X^k / k! to k = 16 in six products (Paterson and Stockmeyer, 1973), and squares."""
+    size = X.shape[1]
+    work = np.empty((6, size, size), X.dtype)
+    X1, X2, X3, X4, E, other = work[0], work[1], work[2], work[3], work[4], work[5]
+    for b in range(len(X)):
+        norm = 0.0
+        for j in range(size):
+            column = 0.0
+            for i in range(size):
+                column += abs(X[b, i, j])
+            norm = max(norm, column)
+        squarings = int(np.ceil(np.log2(max(2.0 * norm, 1.0))))
+        for i in range(size):
+            for j in range(size):
+                X1[i, j] = X[b, i, j] * 0.5**squarings
+        _multiply(X1, X1, X2)
+        _multiply(X2, X1, X3)
+        _multiply(X2, X2, X4)
+        for i in range(size):
+            for j in range(size):
+                other[i, j] = c[16] * X4[i, j]
+        for k in (12, 8, 4, 0):
+            for i in range(size):
+                for j in range(size):
+                    E[i, j] = other[i, j] + c[k + 1] * X1[i, j] + c[k + 2] * X2[i, j]
+                    E[i, j] += c[k + 3] * X3[i, j]
+                E[i, i] += c[k]
+            if k > 0:
+                _multiply(E, X4, other)
+        for _ in range(squarings):
+            _multiply(E, E, other)
+            E, other = other, E
+        for i in range(size):
+            for j in range(size):
+                out[b, i, j] = E[i, j]
+
+
 @kernel
 def _leverrier(
-    A: NDArray[np.inexact],
-    B: NDArray[np.inexact],
+    A: NDArray[Any],
+    B: NDArray[Any],
     C: NDArray[np.float64],
-    centre: NDArray[np.inexact],
-    alpha: NDArray[np.inexact],
-    beta: NDArray[np.inexact],
-    rows: NDArray[np.inexact],
+    centre: NDArray[np.float64],
+    alpha: NDArray[Any],
+    beta: NDArray[Any],
+    rows: NDArray[Any],
 ) -> None:
     """Leverrier and Faddeev's recursion ``M_k = D M_{k-1} + alpha_k I`` for ``D = A - c I``."""
     n = B.shape[1]

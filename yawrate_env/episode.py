@@ -101,9 +101,8 @@ def record(
 
     def work(i: int, j: int) -> None:
         clean = np.empty((j - i, experiment.N))
-        simulate_into(clean, form, u, i, j)
-        # einsum would sum a row differently in batches of other sizes.
-        sigma = noise_over_signal * np.sqrt(np.square(clean).sum(axis=1) / experiment.N)
+        squares = simulate_into(clean, form, u, i, j)
+        sigma = noise_over_signal * np.sqrt(squares / experiment.N)
         add_white_noise(clean, sigma, draw.key[i:j], y[i:j])
 
     over_blocks(work, len(draw), LANES)

@@ -43,7 +43,11 @@ def simulate(
     y = np.empty((len(plant), inputs.shape[1]))
     form = ObserverForm.of(plant)
     w0 = None if x0 is None else np.stack([R @ x for R, x in zip(form.rows, x0, strict=True)])
-    over_blocks(lambda i, j: simulate_into(y[i:j], form, inputs, i, j, w0), len(plant), LANES)
+
+    def one_block(i: int, j: int) -> None:
+        simulate_into(y[i:j], form, inputs, i, j, w0)
+
+    over_blocks(one_block, len(plant), LANES)
     return y
 
 
@@ -54,28 +58,36 @@ def simulate_into(
     start: int,
     stop: int,
     w0: NDArray[np.float64] | None = None,
-) -> None:
-    """`simulate` plants ``start`` to ``stop``, at most ``LANES`` of them, into `y`."""
+) -> NDArray[np.float64]:
+    """`simulate` plants ``start`` to ``stop``, at most ``LANES`` of them, into `y`.
+
+    Returns
+    -------
+    (stop - start,) float64
+        Each response's sum of squares; a pass of its own over `y` would wait for memory.
+    """
     rows = np.minimum(np.arange(start, start + LANES), stop - 1)
     own_input = rows if len(u) > 1 else np.zeros_like(rows)
     n = form.beta.shape[1]
-    work = np.zeros((3 * n + 3, LANES))
+    work = np.zeros((3 * n + 4, LANES))
     work[:n], work[n : 2 * n] = form.alpha[rows].T, form.beta[rows].T
     if w0 is not None:
         work[2 * n : 3 * n] = w0[rows].T
-    work[-1] = form.centre[rows]
+    work[3 * n + 2] = form.centre[rows]
     _recursion(n)(work.reshape(-1), u, own_input, y)
+    return work[-1, : stop - start]
 
 
 @cache
 def _recursion(n: int) -> Any:
     """Compile for order `n`, known to the compiler so that it unrolls the sums.
 
-    The workspace holds rows of one number a lane: alpha, beta, the state, the input,
-    the output and the centre.  One flat array lets the compiler see that nothing overlaps.
+    The workspace holds rows of one number a lane: alpha, beta, the state, the input, the
+    output, the centre and the sum of squares.  One flat array lets the compiler see that
+    nothing overlaps.
     """
-    BETA, STATE, COMMAND, OUTPUT, CENTRE = (
-        row * LANES for row in (n, 2 * n, 3 * n, 3 * n + 1, 3 * n + 2)
+    BETA, STATE, COMMAND, OUTPUT, CENTRE, SQUARES = (
+        row * LANES for row in (n, 2 * n, 3 * n, 3 * n + 1, 3 * n + 2, 3 * n + 3)
     )
 
     @kernel
@@ -91,6 +103,7 @@ def _recursion(n: int) -> Any:
             for lane in range(LANES):
                 output, command = work[STATE + lane], work[COMMAND + lane]
                 work[OUTPUT + lane] = output
+                work[SQUARES + lane] += output * output
                 for i in range(n):
                     at = i * LANES + lane
                     state = work[CENTRE + lane] * work[STATE + at] - work[at] * output
