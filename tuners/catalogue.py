@@ -10,7 +10,7 @@ import numpy as np
 from tuners import model_file
 from tuners.armax import Armax
 from tuners.baselines import Nominal, Oracle
-from tuners.datasets import Dataset, simulate_dataset
+from tuners.datasets import Dataset, simulate_dataset, trains
 from tuners.feedforward import FeedForwardSettings
 from tuners.gbm import GBMSettings
 from tuners.gray_box import GrayBox
@@ -46,10 +46,9 @@ UNTRAINED: dict[str, type[Tuner]] = {"gb": GrayBox, "oracle": Oracle, "nominal":
 
 NAMES = (*RECIPES, *UNTRAINED, "rl")
 
-TRAINING_SHARE = 0.8
 TRAINING_SEED = 0
 TRAINING_EPISODES = 1500
-_LEAST_USABLE = 20
+LEAST_USABLE = 20
 
 Progress = Callable[[str, int, int], None]
 
@@ -94,21 +93,20 @@ def train(
             progress=report("simulating"),
         )
     rows = np.flatnonzero(dataset.usable)
-    if len(rows) < _LEAST_USABLE:
+    if len(rows) < LEAST_USABLE:
         raise ValueError(
-            f"{len(rows)} of {len(dataset)} episodes are usable, at least {_LEAST_USABLE} are "
+            f"{len(rows)} of {len(dataset)} episodes are usable, at least {LEAST_USABLE} are "
             "needed. Choose a target that a PI can reach, or simulate more."
         )
-    order = np.random.default_rng(seed).permutation(dataset.vehicle.max() + 1)
-    trains = np.isin(dataset.vehicle, order[: round(TRAINING_SHARE * len(order))])
-    fitted, checked = rows[trains[rows]], rows[~trains[rows]]
+    part = trains(dataset.vehicle.max() + 1, seed)
+    fitted, checked = (rows[p[dataset.vehicle[rows]]] for p in (part, ~part))
     X, T = dataset.features, dataset.targets(task, recipe.coordinates)
     learner = recipe.learner.fit(
         X[fitted], T[fitted], X[checked], T[checked], seed, report(f"training {name}")
     )
     training = {
         "name": name,
-        "vehicles": len(order),
+        "vehicles": len(part),
         "noise_draws": recipe.noise_draws,
         "used": len(rows),
         "seed": seed,

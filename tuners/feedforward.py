@@ -9,7 +9,7 @@ written down directly, which is several times faster than automatic differentiat
 PyTorch trains; the trained network is NumPy alone, so that using it does not import torch.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import torch
 
 Array = NDArray[np.float64]
+Batches = Iterable[tuple[Array, Array]]
 Progress = Callable[[int, int], None]
 
 _NUMBERS_FOR_THREADS = 50_000
@@ -63,19 +64,30 @@ class FeedForwardSettings:
         progress: Progress | None = None,
     ) -> "FeedForward":
         """Train on (m, n) features and (m, 2) targets."""
+        return self.fit_batches([(X, T)], [(X_val, T_val)], random_state, progress)
+
+    def fit_batches(
+        self,
+        training: Batches,
+        validation: Batches,
+        random_state: int,
+        progress: Progress | None = None,
+    ) -> "FeedForward":
+        """Train on data that come in parts, and again every time that they are iterated over.
+
+        Error, gradient and Gauss-Newton matrix are means over rows, so that this is the
+        method for one array, to rounding, in the memory that the largest part takes.
+        """
         import torch
 
-        scaling = _Scaling.of(X), _Scaling.of(T)
-        x, t, x_val, t_val = (
-            torch.from_numpy(scale(a))
-            for scale, a in zip(scaling * 2, (X, T, X_val, T_val), strict=True)
-        )
-        weights = torch.from_numpy(
-            nguyen_widrow(X.shape[1], self.neurons, T.shape[1], np.random.default_rng(random_state))
-        )
-        shape = (X.shape[1], self.neurons, T.shape[1])
-        with _threads(1 if x.numel() < _NUMBERS_FOR_THREADS else cores()):
-            weights = _train(weights, shape, (x, t), (x_val, t_val), self, progress)
+        rows, *scaling = _scalings(training)
+        n, outputs = (len(scale.middle) for scale in scaling)
+        shape = (n, self.neurons, outputs)
+        fitted, checked = _Scaled(training, *scaling), _Scaled(validation, *scaling)
+        rng = np.random.default_rng(random_state)
+        weights = torch.from_numpy(nguyen_widrow(n, self.neurons, outputs, rng))
+        with _threads(1 if rows * n < _NUMBERS_FOR_THREADS else cores()):
+            weights = _train(weights, shape, fitted, checked, self, progress)
         W1, b1, W2, b2 = (layer.numpy() for layer in _layers(weights, shape))
         return FeedForward(W1, b1, W2, b2, *scaling)
 
@@ -88,8 +100,7 @@ class _Scaling:
     half: Array
 
     @classmethod
-    def of(cls, values: Array) -> Self:
-        low, high = values.min(axis=0), values.max(axis=0)
+    def of(cls, low: Array, high: Array) -> Self:
         half = np.where(high > low, (high - low) / 2, 1.0)
         return cls((low + high) / 2, half)
 
@@ -98,6 +109,34 @@ class _Scaling:
 
     def inverse(self, scaled: Array) -> Array:
         return scaled * self.half + self.middle
+
+
+def _scalings(batches: Batches) -> tuple[int, _Scaling, _Scaling]:
+    """Rows, and the scaling of features and of targets."""
+    rows, ends = 0, []
+    for pair in batches:
+        rows += len(pair[0])
+        ends.append([(side.min(axis=0), side.max(axis=0)) for side in pair])
+    X, T = (
+        _Scaling.of(np.min([low for low, _ in side], axis=0), np.max([h for _, h in side], axis=0))
+        for side in zip(*ends, strict=True)
+    )
+    return rows, X, T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scaled:
+    """Batches as scaled tensors."""
+
+    batches: Batches
+    inputs: _Scaling
+    outputs: _Scaling
+
+    def __iter__(self) -> "Iterator[tuple[torch.Tensor, torch.Tensor]]":
+        import torch
+
+        for X, T in self.batches:
+            yield torch.from_numpy(self.inputs(X)), torch.from_numpy(self.outputs(T))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,6 +230,31 @@ def _error(
     return (x @ W1.T + b1).tanh() @ W2.T + b2 - t
 
 
+def _loss(weights: "torch.Tensor", shape: tuple[int, int, int], batches: _Scaled) -> float:
+    """Mean squared error."""
+    total, count = 0.0, 0
+    for x, t in batches:
+        error = _error(weights, shape, x, t)
+        total, count = total + float((error**2).sum()), count + error.numel()
+    return total / count
+
+
+def _summed(
+    weights: "torch.Tensor", shape: tuple[int, int, int], batches: _Scaled
+) -> "tuple[float, torch.Tensor, torch.Tensor]":
+    """`normal_equations` of all rows."""
+    rows, loss = 0, 0.0
+    Je, JJ = weights.new_zeros(len(weights)), weights.new_zeros(len(weights), len(weights))
+    for x, t in batches:
+        parts = normal_equations(weights, shape, x, t)
+        rows += len(x)
+        share = len(x) / rows
+        loss += (float(parts[0]) - loss) * share
+        Je += (parts[1] - Je) * share
+        JJ += (parts[2] - JJ) * share
+    return loss, Je, JJ
+
+
 def normal_equations(
     weights: "torch.Tensor", shape: tuple[int, int, int], x: "torch.Tensor", t: "torch.Tensor"
 ) -> "tuple[torch.Tensor, torch.Tensor, torch.Tensor]":
@@ -224,31 +288,31 @@ def normal_equations(
 def _train(
     weights: "torch.Tensor",
     shape: tuple[int, int, int],
-    training: "tuple[torch.Tensor, torch.Tensor]",
-    validation: "tuple[torch.Tensor, torch.Tensor]",
+    training: _Scaled,
+    validation: _Scaled,
     settings: FeedForwardSettings,
     progress: Progress | None,
 ) -> "torch.Tensor":
     import torch
 
     mu, fails = settings.mu, 0
-    best, best_error = weights, float((_error(weights, shape, *validation) ** 2).mean())
+    best, best_error = weights, _loss(weights, shape, validation)
     eye = torch.eye(len(weights), dtype=weights.dtype)
     for epoch in range(settings.epochs):
-        loss, Je, JJ = normal_equations(weights, shape, *training)
+        loss, Je, JJ = _summed(weights, shape, training)
         if 2 * Je.norm() < _LEAST_GRADIENT:
             break
         while mu <= _MU_MAX:
             factor, info = torch.linalg.cholesky_ex(JJ + mu * eye)
             if info == 0:
                 trial = weights - torch.cholesky_solve(Je[:, None], factor)[:, 0]
-                if (_error(trial, shape, *training) ** 2).mean() < loss:
+                if _loss(trial, shape, training) < loss:
                     weights, mu = trial, mu * settings.mu_decrease
                     break
             mu *= settings.mu_increase
         else:
             break
-        error = float((_error(weights, shape, *validation) ** 2).mean())
+        error = _loss(weights, shape, validation)
         if error < best_error:
             best, best_error, fails = weights, error, 0
         else:

@@ -5,7 +5,8 @@ JSON and predicted from through its native interface, whose scikit-learn face wo
 bring in another dependency.
 """
 
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from yawrate_env.compiled import cores
 
 Array = NDArray[np.float64]
+Batches = Iterable[tuple[Array, Array]]
 Progress = Callable[[int, int], None]
 
 _ROWS_FOR_THREADS = 64
@@ -43,6 +45,40 @@ class GBMSettings:
         """Train on (m, n) features and (m, 2) targets; the validation part is not used."""
         import xgboost
 
+        # A few thousand rows: threads would wait for each other, and on a busy machine
+        # for everybody else, a hundred times longer than they work.
+        return self._boosted(lambda t: xgboost.DMatrix(X, t), T, 1, random_state, progress)
+
+    def fit_batches(
+        self,
+        training: Batches,
+        validation: Batches,
+        random_state: int,
+        progress: Progress | None = None,
+    ) -> "GBM":
+        """Train on data that come in parts; xgboost keeps their quantiles in a temporary file.
+
+        Only targets are held in memory, as xgboost itself does.
+        """
+        T = np.concatenate([t for _, t in training])
+        with tempfile.TemporaryDirectory() as folder:
+
+            def matrix(t: Array) -> Any:
+                return _external(training, t, f"{folder}/cache")
+
+            return self._boosted(matrix, T, cores(), random_state, progress)
+
+    def _boosted(
+        self,
+        matrix: Callable[[Array], Any],
+        T: Array,
+        threads: int,
+        random_state: int,
+        progress: Progress | None,
+    ) -> "GBM":
+        """One model a target; `matrix` puts standardised labels (m,) to the features."""
+        import xgboost
+
         parameters = {
             "objective": "reg:squarederror",
             "tree_method": "hist",
@@ -52,18 +88,36 @@ class GBMSettings:
             "lambda": self.reg_lambda,
             "min_child_weight": self.min_child_weight,
             "seed": random_state,
-            # A few thousand rows: threads would wait for each other, and on a busy machine
-            # for everybody else, a hundred times longer than they work.
-            "nthread": 1,
+            "nthread": threads,
         }
         models = []
         for k in range(T.shape[1]):
             scale = float(T[:, k].std()) or 1.0
-            data = xgboost.DMatrix(X, (T[:, k] - T[:, k].mean()) / scale)
+            data = matrix((T[:, k] - T[:, k].mean()) / scale)
             models.append(xgboost.train(parameters, data, self.n_estimators))
             if progress is not None:
                 progress(k + 1, T.shape[1])
         return GBM(models, T.mean(axis=0), T.std(axis=0))
+
+
+def _external(batches: Batches, labels: Array, cache: str) -> Any:
+    """Xgboost's matrix of batches, kept in files that begin with `cache`."""
+    import xgboost
+
+    class Parts(xgboost.DataIter):
+        def reset(self) -> None:
+            self.rest, self.first = iter(batches), 0
+
+        def next(self, input_data: Callable[..., Any]) -> bool:
+            X, _ = next(self.rest, (None, None))
+            if X is None:
+                return False
+            last = self.first + len(X)
+            input_data(data=X, label=labels[self.first : last])
+            self.first = last
+            return True
+
+    return xgboost.ExtMemQuantileDMatrix(Parts(cache_prefix=cache))
 
 
 class GBM:

@@ -16,8 +16,7 @@ class Bars:
         """Show how far a stage is; another stage starts another bar."""
         if self._bar is None or self._bar.desc != what:
             self.close()
-            self._bar = tqdm(total=of, ncols=88)
-            self._bar.desc = what
+            self._bar = tqdm(total=of, initial=done, desc=what, ncols=88)
         self._bar.update(done - self._bar.n)
 
     def close(self) -> None:

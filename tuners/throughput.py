@@ -91,7 +91,7 @@ def measure(num_envs: int, rounds: int, progress: Progress | None = None) -> dic
     for env in envs.values():
         env.close()
     return {
-        "machine": f"{_processor()}, {cores()} cores",
+        "machine": f"{processor()}, {cores()} cores",
         "versions": {"python": platform.python_version(), "numpy": np.__version__},
         "num_envs": num_envs,
         "rounds": rounds,
@@ -128,7 +128,8 @@ def _ratio(values: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float]:
     return {"median": float(middle), "least": float(low), "most": float(high)}
 
 
-def _processor() -> str:
+def processor() -> str:
+    """What kind of processor this machine has."""
     if os.path.exists("/proc/cpuinfo"):
         with open("/proc/cpuinfo") as file:
             for line in file:

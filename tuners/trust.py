@@ -112,6 +112,8 @@ class Assessment:
         and their standard deviations.
     findings : dict
         Name of a check to values (B,).
+    converged : NDArray
+        (B,) whether the tuner's own numerics succeeded.
     """
 
     model: BlackBox
@@ -119,6 +121,7 @@ class Assessment:
     margins: Array
     spread: Array
     findings: dict[str, Array]
+    converged: NDArray[np.bool_]
 
     def trusted(self, limits: Limits) -> NDArray[np.bool_]:
         """Where every finding is within its limit, (B,)."""
@@ -196,7 +199,7 @@ def assess(
             "crossover_error": error[:, 1],
             "unsolved": 1.0 - (converged & twins.converged & (design.status == Status.OK)),
         }
-    return Assessment(model, twins, margins, spread, findings)
+    return Assessment(model, twins, margins, spread, findings, converged)
 
 
 def _margins(task: Task, twins: Twins, design: Design) -> tuple[Array, Array]:
@@ -260,7 +263,6 @@ def _outside(task: Task, twins: Twins) -> Array:
 def result(
     found: Assessment,
     design: Design,
-    converged: NDArray[np.bool_],
     notes: tuple[str, ...],
     calibration: Calibration,
     safe: tuple[float, float],
@@ -276,7 +278,7 @@ def result(
         kp=float(design.kp[0]),
         Ti=float(design.Ti[0]),
         status=Status(design.status[0]),
-        converged=bool(converged[0]),
+        converged=bool(found.converged[0]),
         notes=notes,
         phase_margin=phase_margin,
         crossover=crossover,

@@ -12,7 +12,7 @@ from tuners import model_file
 from tuners.recording import Recording
 from tuners.result import TuningResult
 from tuners.start import black_box
-from tuners.trust import Calibration, assess, fallback, result
+from tuners.trust import Assessment, Calibration, assess, fallback, result
 from yawrate_env.design import Design
 from yawrate_env.judge import Judge
 from yawrate_env.task import Prior, Task
@@ -82,20 +82,19 @@ class Tuner(ABC):
             The episode cannot be used; the message says why and what to do.
         """
         given = Recording.of(u, y, Ts, v_x)
-        recording = given.resampled(self.task.experiment.Ts)
+        design, found = self.assess(given, start)
+        notes = self._differences(given)
+        return result(found, design, notes, self.calibration, fallback(self.task))
+
+    def assess(self, recording: Recording, start: str = "auto") -> tuple[Design, Assessment]:
+        """Gains for every episode as `tune` gives them, and what the recordings say of them."""
+        recording = recording.resampled(self.task.experiment.Ts)
         speeds = self.speeds(recording)
         model = black_box(recording, start)
         design, converged = self.gains(model.recording)
-        notes = self._differences(given)
-        if not np.isfinite(design.kp[0]):
-            notes += ("No gains found: these are the nominal vehicle's.",)
-        if not converged[0]:
-            notes += ("The fit did not converge: check the recording.",)
-        kp, Ti = self._usable(design)
-        used = Design(kp, Ti, design.status)
+        design = Design(*self._usable(design), design.status)
         nominal = nominal_context(self.task.prior)
-        found = assess(self.task, nominal, recording, model, used, converged, speeds)
-        return result(found, used, converged, notes, self.calibration, fallback(self.task))
+        return design, assess(self.task, nominal, recording, model, design, converged, speeds)
 
     def predict(
         self,

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 _STEP = 1e-4  # of the logarithms, central
 _POLISHING = 3
 _BAND = (0.2, 5.0)  # Hz, around any crossover: where noise matters to the margins
+_FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)
 _COLOURED = 1.7  # noise stronger by this in the band: more than chance for white noise
 
 
@@ -73,13 +74,14 @@ def fit(task: Task, start: Context, model: BlackBox, measured: Array, v_x: Array
     recording, vehicle = model.recording, task.vehicle
     Z, _ = free_responses(recording.y.shape[1], recording.Ts)
     found = identify(vehicle, recording, start, v_x)
-    context = found.context
+    context = _physical(vehicle, found.context)
     for _ in range(_POLISHING if model.unknown.any() else 0):
         error, slopes = _signals(vehicle, context, recording, model.unknown, Z)
-        normal = slopes @ slopes.transpose(0, 2, 1)
-        step = (_inverse(normal) @ (slopes @ error[..., None]))[..., 0]
-        step = np.where(model.unknown[:, None], np.clip(step, -0.5, 0.5), 0.0)
-        context = moved(vehicle, context, step)
+        normal, slope = slopes @ slopes.transpose(0, 2, 1), slopes @ error[..., None]
+        with np.errstate(invalid="ignore"):
+            step = (_inverse(normal) @ slope)[..., 0]
+        step = np.where(model.unknown[:, None] & np.isfinite(step), np.clip(step, -0.5, 0.5), 0.0)
+        context = _physical(vehicle, moved(vehicle, context, step))
     error, slopes = _signals(vehicle, context, recording, model.unknown, Z)
     noise = noise_level(error, recording.Ts)
     covariance = noise[:, None, None] * _inverse(slopes @ slopes.transpose(0, 2, 1))
@@ -90,6 +92,12 @@ def moved(vehicle: Vehicle, context: Context, step: Array) -> Context:
     """Vehicles with the logarithms of friction and total mass changed by (B, 2)."""
     mass = total_mass(vehicle, context) * np.exp(step[:, 1])
     return Context(context.mu_s * np.exp(step[:, 0]), mass - vehicle.M_0, context.v_x)
+
+
+def _physical(vehicle: Vehicle, context: Context) -> Context:
+    """Within bounds that no vehicle reaches; foreign recordings send the search anywhere."""
+    mass = np.clip(vehicle.M_0 + context.M_delta, *_MASS)
+    return Context(np.clip(context.mu_s, *_FRICTION), mass - vehicle.M_0, context.v_x)
 
 
 def noise_level(residual: Array, Ts: float) -> Array:

@@ -43,7 +43,14 @@ def kernel(function: _Function) -> _Function:
 
 
 def cores() -> int:
-    """Processors that this process may use."""
+    """Processors that this process may use; joblib and Dask tell their workers by the variable."""
+    limit = os.environ.get("OMP_NUM_THREADS", "")
+    if limit.isdecimal() and int(limit) > 0:
+        return min(int(limit), _processors())
+    return _processors()
+
+
+def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

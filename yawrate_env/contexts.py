@@ -47,6 +47,7 @@ CONTEXT_SETS = {
     "test": ContextSet("test", 2),
     # Stickier and heavier than anything in eq. (12).
     "extrapolation": ContextSet("extrapolation", 3, Prior((1.1, 1.3), (300.0, 500.0))),
+    "calibration": ContextSet("calibration", 4),
 }
 
 

@@ -23,9 +23,25 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BufferedWriter]:
     except BaseException:
         os.unlink(temporary)
         raise
+    _sync(target.parent)
+
+
+def leftovers(path: str | os.PathLike[str]) -> list[Path]:
+    """Temporary files of `replacing` whose process was killed; the name may be a pattern."""
+    target = Path(path)
+    return list(target.parent.glob(f".{target.name}.*"))
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write a text file."""
     with replacing(path) as file:
         file.write(text.encode())
+
+
+def _sync(folder: Path) -> None:
+    """Make names in a folder last: a file's own fsync does not write its folder's entry."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,24 @@
+"""Data sets of any size: features, targets and contexts in a folder of Parquet files.
+
+``generate`` writes one, in parallel, and goes on where it was interrupted; ``verify``
+reads every byte again; ``Folder`` reads one and ``train`` learns from one, in bounded
+memory.  ``docs/datasets.md`` has the format.
+"""
+
+from tuners.data.folder import Folder, verify
+from tuners.data.generation import generate
+from tuners.data.manifest import DatasetError
+from tuners.data.minari_export import BEHAVIOURS, export_minari
+from tuners.data.table import load_gains
+from tuners.data.training import train
+
+__all__ = [
+    "BEHAVIOURS",
+    "DatasetError",
+    "Folder",
+    "export_minari",
+    "generate",
+    "load_gains",
+    "train",
+    "verify",
+]

@@ -1,0 +1,142 @@
+"""Read and check data sets, never more than a shard at a time."""
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tuners.data import shards
+from tuners.data.manifest import DatasetError, Manifest, Shard
+from tuners.datasets import Dataset
+from yawrate_env import validation
+from yawrate_env.batch import concatenate
+
+Progress = Callable[[str, int, int], None]
+
+_ROUNDING = 1e-6
+"""What another processor's arithmetic may change, an iterative fit included."""
+
+
+class Folder:
+    """A finished data set.
+
+    Parameters
+    ----------
+    path : path
+        The folder that `generate` wrote.
+
+    Attributes
+    ----------
+    recipe : Configuration
+        Task, context set, compressor, seed and size.
+    manifest : Manifest
+        The same as it was written, and the shards.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.manifest = Manifest.read(self.path)
+        self.recipe = self.manifest.recipe()
+        missing = len(list(self.recipe.shards())) - len(self.manifest.shards)
+        if missing:
+            raise DatasetError(
+                f"{self.path} lacks {missing} of its shards. Generate it again with the same "
+                "settings: it goes on from there."
+            )
+
+    def __len__(self) -> int:
+        return self.recipe.episodes
+
+    def columns(self, names: Sequence[str] | None = None) -> Iterator[shards.Columns]:
+        """Some columns, or all but the recordings, in order and in bounded memory."""
+        for shard in self.manifest.shards:
+            yield from shards.read(self.path / shard.file, names)
+
+    def batches(self) -> Iterator[Dataset]:
+        """Features, targets and contexts, in order and in bounded memory."""
+        yield from (shards.dataset(values) for values in self.columns())
+
+    def row(self, episode: int, names: Sequence[str]) -> shards.Columns:
+        """One episode, every column with a first axis of 1."""
+        shard = self.manifest.shards[episode // self.recipe.shard_size]
+        for values in shards.read(self.path / shard.file, names):
+            at = np.flatnonzero(values["episode"] == episode)
+            if len(at):
+                return {name: column[at] for name, column in values.items()}
+        raise DatasetError(
+            f"{self.path / shard.file} lacks episode {episode}. Verify the data set."
+        )
+
+    def read(self) -> Dataset:
+        """The whole data set, recordings left out."""
+        return concatenate(list(self.batches()))
+
+
+def damage(folder: Path, manifest: Manifest, progress: Progress | None = None) -> list[str]:
+    """Read all shards that a manifest lists; what is wrong with those that exist, in words."""
+    wrong = []
+    for done, shard in enumerate(manifest.shards, start=1):
+        path = folder / shard.file
+        if path.exists() and _sha256(path) != shard.sha256:
+            wrong.append(f"{path} is damaged: its checksum is not the manifest's")
+        if progress is not None:
+            progress("verifying", done, len(manifest.shards))
+    return wrong
+
+
+def verify(
+    out: str | os.PathLike[str], *, sample: int = 0, progress: Progress | None = None
+) -> Folder:
+    """Read every byte of a data set, and compare it with the manifest's checksums.
+
+    Parameters
+    ----------
+    sample : int
+        Also simulate so many episodes again, and compare the rows.
+
+    Raises
+    ------
+    DatasetError
+        All that is missing or damaged, by name.
+    """
+    validation.count("sample", sample, at_least=0)
+    found = Folder(out)
+    wrong = damage(found.path, found.manifest, progress)
+    paths = [found.path / shard.file for shard in found.manifest.shards]
+    wrong += [f"{path} is missing" for path in paths if not path.exists()]
+    if wrong:
+        raise DatasetError(
+            f"{'; '.join(wrong)}. Delete what is damaged and generate again with the same "
+            "settings: only that is made again."
+        )
+    if sample and not (worst := deviation(found, sample)) <= _ROUNDING:
+        raise DatasetError(
+            f"{out} is intact, but not what its seed gives here: rows differ by {worst:.1e} of "
+            "their values. Use the versions that its manifest names."
+        )
+    return found
+
+
+def deviation(found: Folder, sample: int) -> float:
+    """Largest relative difference between rows and the same episodes simulated again.
+
+    It is 0 on the kind of processor that made the data set.
+    """
+    worst = 0.0
+    for episode in np.unique(np.linspace(0, len(found) - 1, sample).astype(int)):
+        fresh = shards.columns(found.recipe, Shard("", int(episode), 1))
+        stored = found.row(int(episode), list(fresh))
+        for name, values in fresh.items():
+            a, b = np.asarray(values, dtype=np.float64), np.asarray(stored[name], dtype=np.float64)
+            same = (a == b) | (np.isnan(a) & np.isnan(b))
+            with np.errstate(invalid="ignore"):
+                error = np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))
+            worst = max(worst, float(np.where(same, 0.0, error).max()))
+    return worst
+
+
+def _sha256(path: Path) -> str:
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,172 @@
+"""Data sets of any size: shards made in parallel, written one by one, resumed where they stopped.
+
+Workers only compute; this process alone writes.  So a cluster needs no common file
+system, a full disk is met in one place, and nothing that a worker does when it is killed
+can be seen in the folder.
+"""
+
+import errno
+import fcntl
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from tuners.armax import Armax
+from tuners.data import manifest, shards
+from tuners.data import workers as pool
+from tuners.data.folder import Folder, damage
+from tuners.data.manifest import Configuration, DatasetError, Manifest, Shard
+from tuners.laguerre import Laguerre
+from yawrate_env import validation
+from yawrate_env.compiled import cores
+from yawrate_env.contexts import ContextSet
+from yawrate_env.files import leftovers, replacing
+from yawrate_env.task import Task
+
+Progress = Callable[[str, int, int], None]
+
+_REMEDIES = {
+    errno.ENOSPC: "Free some space",
+    errno.EDQUOT: "Free some space",
+    errno.EFBIG: "Choose smaller shards",
+    errno.EACCES: "Choose a folder that you may write to",
+    errno.EPERM: "Choose a folder that you may write to",
+    errno.EROFS: "Choose a folder that you may write to",
+}
+
+
+def generate(
+    task: Task,
+    contexts: ContextSet,
+    compressor: Armax | Laguerre,
+    episodes: int,
+    seed: int,
+    out: str | os.PathLike[str],
+    *,
+    shard_size: int | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    raw: bool = False,
+    resume: bool = True,
+    progress: Progress | None = None,
+) -> Folder:
+    """Write the first `episodes` of a context set's seed to a folder.
+
+    What is written does not depend on who computes it, nor on how often the run was
+    interrupted; rows do not depend on `shard_size` either.
+
+    Parameters
+    ----------
+    out : path
+        A new folder, or one of the same configuration that is not finished.
+    shard_size : int, optional
+        Episodes a file; 8192, or 512 with recordings.
+    workers : int, optional
+        Processes; all cores.
+    scheduler : str, optional
+        Address of a Dask scheduler, or ``"local"`` for a cluster of `workers` processes.
+    raw : bool
+        Keep the recordings too, 80 kB an episode before compression.
+    resume : bool
+        Go on in a folder that exists; otherwise refuse it.
+    progress : callable, optional
+        Called with what is being done, how many episodes are done, and of how many.
+
+    Raises
+    ------
+    DatasetError
+        The folder cannot be written or resumed.  What was finished stays.
+    """
+    shard_size = shard_size or (manifest.RAW_SHARD_SIZE if raw else manifest.SHARD_SIZE)
+    recipe = Configuration(task, contexts, compressor, seed, episodes, shard_size, raw)
+    count = cores() if workers is None else validation.count("workers", workers)
+    folder = Path(out)
+    with _owned(folder):
+        with _explained(folder):
+            found = _begun(folder, recipe, resume)
+        listed = {shard.file for shard in found.shards}
+        missing = [shard for shard in recipe.shards() if shard.file not in listed]
+        done = episodes - sum(shard.rows for shard in missing)
+        if progress is not None:
+            progress("simulating", done, episodes)
+        work = partial(shards.made, found.configuration)
+        for shard, content in pool.results(work, missing, count, scheduler):
+            with _explained(folder):
+                found = _with(found, shard, content, folder)
+            done += shard.rows
+            if progress is not None:
+                progress("simulating", done, episodes)
+    return Folder(folder)
+
+
+def _begun(folder: Path, recipe: Configuration, resume: bool) -> Manifest:
+    """The manifest to go on from, of a folder in which nothing is half-written or damaged."""
+    for name in (manifest.FILE, "shard-*.parquet"):
+        for stale in leftovers(folder / name):
+            stale.unlink()
+    configuration = recipe.to_json()
+    if not any(folder.iterdir()):
+        begun = Manifest(configuration)
+        begun.write(folder)  # before any work: can it be written at all?
+        return begun
+    if not (folder / manifest.FILE).exists():
+        raise DatasetError(f"{folder} holds something else already. Name a new folder.")
+    if not resume:
+        raise DatasetError(f"{folder} holds a data set already. Resume it, or name a new folder.")
+    found = Manifest.read(folder)
+    other = "; ".join(manifest.differences(configuration, found.configuration))
+    if other:
+        raise DatasetError(
+            f"{folder} holds another data set: {other}. Name a new folder, or use its settings."
+        )
+    wrong = damage(folder, found)
+    if wrong:
+        raise DatasetError(f"{'; '.join(wrong)}. Delete what is damaged: it will be made again.")
+    return replace(found, shards=tuple(s for s in found.shards if (folder / s.file).exists()))
+
+
+def _with(found: Manifest, shard: Shard, content: bytes, folder: Path) -> Manifest:
+    """Write a shard, and then that it is there."""
+    with replacing(folder / shard.file) as file:
+        file.write(content)
+    found = found.with_shard(replace(shard, sha256=hashlib.sha256(content).hexdigest()))
+    found.write(folder)
+    return found
+
+
+@contextmanager
+def _owned(folder: Path) -> Iterator[None]:
+    """Make the folder and lock it; the lock ends with the process, however that ends."""
+    if folder.exists() and not folder.is_dir():
+        raise DatasetError(f"{folder} is a file. Name a folder.")
+    with _explained(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise DatasetError(f"{folder} is being written by another process. Wait for it.") from None
+    except OSError:
+        pass  # a network file system without locks
+    try:
+        yield
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def _explained(folder: Path) -> Iterator[None]:
+    """Say of an error of the operating system what it means for the data set."""
+    try:
+        yield
+    except OSError as error:
+        remedy = _REMEDIES.get(error.errno or 0, "Repair that")
+        raise DatasetError(
+            f"{folder}: {error.strerror or error}. The shards that are finished stay valid. "
+            f"{remedy}, and run the same again: it goes on from there."
+        ) from None

@@ -1,0 +1,190 @@
+"""What a data set is made of, and the file that says so.
+
+``_manifest.json`` holds the configuration, its hash, the seeds, and for every finished
+shard its rows and sha256.  It is replaced after each shard, always as a whole; a shard
+that it does not list does not count, whatever the folder holds.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+from tuners.armax import Armax
+from tuners.compressors import compressor, described
+from tuners.laguerre import Laguerre
+from tuners.tuner import task_from
+from yawrate_env import __version__, validation
+from yawrate_env.contexts import ContextSet
+from yawrate_env.files import write_text
+from yawrate_env.task import Prior, Task
+
+FORMAT = "yawrate-dataset 1"
+FILE = "_manifest.json"  # what begins so is no part of the table to Arrow, pandas and Spark
+SHARD_SIZE = 8192
+RAW_SHARD_SIZE = 512
+
+LIBRARIES = ("numpy", "numba", "pyarrow")
+"""What decides on a shard's last bits and bytes."""
+
+
+class DatasetError(ValueError):
+    """A folder that cannot be written, resumed or read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """Consecutive episodes in one file; without a checksum it is still to be made."""
+
+    file: str
+    first: int
+    rows: int
+    sha256: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """Everything that the content of a data set follows from.
+
+    Attributes
+    ----------
+    task : Task
+        Vehicles, experiment and target.
+    contexts : ContextSet
+        Which family of episodes.
+    compressor : Armax or Laguerre
+        First stage.
+    seed, episodes : int
+        Episodes ``0`` to ``episodes - 1`` of this seed.
+    shard_size : int
+        Episodes a file.
+    raw : bool
+        Whether the recordings are kept too.
+    """
+
+    task: Task
+    contexts: ContextSet
+    compressor: Armax | Laguerre
+    seed: int
+    episodes: int
+    shard_size: int
+    raw: bool
+
+    def __post_init__(self) -> None:
+        validation.count("seed", self.seed, at_least=0)
+        validation.count("episodes", self.episodes)
+        validation.count("shard_size", self.shard_size)
+
+    def shards(self) -> Iterator[Shard]:
+        """All of them, in order."""
+        for number, first in enumerate(range(0, self.episodes, self.shard_size)):
+            rows = min(self.shard_size, self.episodes - first)
+            yield Shard(f"shard-{number:06d}.parquet", first, rows)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON values, the versions in use among them."""
+        values = {
+            "task": asdict(self.task),
+            "contexts": asdict(self.contexts),
+            "compressor": described(self.compressor),
+            "seed": self.seed,
+            "episodes": self.episodes,
+            "shard_size": self.shard_size,
+            "raw": self.raw,
+            "versions": {"yawrate": __version__} | {name: version(name) for name in LIBRARIES},
+        }
+        return json.loads(json.dumps(values))  # type: ignore[no-any-return]
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Self:
+        """Rebuild from `to_json`."""
+        contexts = dict(values["contexts"])
+        if contexts["beyond"] is not None:
+            contexts["beyond"] = Prior(**contexts["beyond"])
+        return cls(
+            task_from(values),
+            ContextSet(**contexts),
+            compressor(**values["compressor"]),
+            *(values[name] for name in ("seed", "episodes", "shard_size", "raw")),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """A configuration as it was written, and the shards that are finished."""
+
+    configuration: dict[str, Any]
+    shards: tuple[Shard, ...] = ()
+
+    def recipe(self) -> Configuration:
+        """The configuration as this program understands it."""
+        try:
+            return Configuration.from_json(self.configuration)
+        except (KeyError, TypeError, ValueError) as error:
+            made = self.configuration.get("versions")
+            raise DatasetError(
+                f"The manifest's configuration is another version's ({made}): {error}. Read it "
+                "with that version."
+            ) from None
+
+    def with_shard(self, shard: Shard) -> "Manifest":
+        """One more is finished."""
+        return replace(self, shards=tuple(sorted((*self.shards, shard), key=lambda s: s.first)))
+
+    def write(self, folder: Path) -> None:
+        """Replace the folder's manifest."""
+        root, episodes = self.configuration["seed"], self.configuration["episodes"]
+        content = {
+            "format": FORMAT,
+            "configuration": self.configuration,
+            "configuration_sha256": _digest(self.configuration),
+            "seeds": {
+                "entropy": [self.configuration["contexts"]["tag"], root],
+                "spawn_keys": [0, episodes],
+            },
+            "shards": [asdict(shard) for shard in self.shards],
+        }
+        write_text(folder / FILE, json.dumps(content, indent=1) + "\n")
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Read a folder's manifest, or raise `DatasetError` with the reason."""
+        path = folder / FILE
+        try:
+            content = json.loads(path.read_bytes())
+            found = content["format"]
+            configuration = content["configuration"]
+            intact = content["configuration_sha256"] == _digest(configuration)
+            shards = tuple(Shard(**values) for values in content["shards"])
+        except OSError as error:
+            raise DatasetError(f"{path}: {error.strerror}. Name a data set's folder.") from None
+        except (ValueError, KeyError, TypeError) as error:
+            raise DatasetError(
+                f"{path} is damaged: {type(error).__name__} {error}. Copy it again; the shards "
+                "themselves may be intact."
+            ) from None
+        if found != FORMAT:
+            raise DatasetError(f"{path} has format {found!r}; this program reads {FORMAT!r}.")
+        if not intact:
+            raise DatasetError(
+                f"{path} is damaged: its configuration and the hash of it disagree. Copy it again."
+            )
+        return cls(configuration, shards)
+
+
+def differences(wanted: dict[str, Any], found: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    """Where two configurations differ, in words."""
+    for name in sorted(wanted.keys() | found.keys()):
+        ours, theirs = wanted.get(name), found.get(name)
+        if isinstance(ours, dict) and isinstance(theirs, dict):
+            yield from differences(ours, theirs, f"{prefix}{name}.")
+        elif ours != theirs:
+            yield f"{prefix}{name} is {theirs!r} there and {ours!r} here"
+
+
+def _digest(configuration: dict[str, Any]) -> str:
+    canonical = json.dumps(configuration, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(canonical.encode()).hexdigest()

@@ -1,0 +1,106 @@
+"""Who does the work: this process, a pool of processes, or a cluster.
+
+They answer in any order, and are given another job only when a result has been taken:
+what is slower to write than to make does not pile up in memory, as it would behind
+``joblib.Parallel``'s generators.
+"""
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
+from contextlib import contextmanager
+from itertools import islice
+from threading import Thread
+from typing import TypeVar
+
+from tuners.data.manifest import DatasetError
+
+Job = TypeVar("Job")
+
+LOCAL = "local"
+"""In place of a scheduler's address: start a cluster on this machine."""
+
+_SECONDS = 30  # to reach a scheduler, and for a first worker to appear
+_ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
+
+
+def results(
+    work: Callable[[Job], bytes], jobs: Sequence[Job], workers: int, scheduler: str | None
+) -> Iterator[tuple[Job, bytes]]:
+    """Do `jobs`, each as ``work(job)``.
+
+    Parameters
+    ----------
+    workers : int
+        Processes on this machine; 1 is this one, with all its threads.
+    scheduler : str, optional
+        Address of a Dask scheduler, ``"tcp://host:8786"``, or `LOCAL`.
+    """
+    if not jobs or (scheduler is None and min(workers, len(jobs)) == 1):
+        yield from ((job, work(job)) for job in jobs)
+        return
+    with _executor(min(workers, len(jobs)), scheduler) as (executor, size):
+        waiting = iter(jobs)
+        running = {executor.submit(work, job): job for job in islice(waiting, 2 * size)}
+        while running:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+                running |= {executor.submit(work, job): job for job in islice(waiting, 1)}
+
+
+@contextmanager
+def _executor(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
+    """Whom to give jobs, and how many of them it does at a time."""
+    if scheduler is not None:
+        with _cluster(workers, scheduler) as found:
+            yield found
+        return
+    from joblib.externals.loky import ProcessPoolExecutor
+
+    try:
+        with ProcessPoolExecutor(
+            workers, env=_ONE_THREAD, initializer=_end_with, initargs=(os.getpid(),)
+        ) as pool:
+            yield pool, workers
+    except BrokenExecutor as error:
+        raise DatasetError(
+            f"A worker died, perhaps for want of memory ({error}). Choose fewer workers or "
+            "smaller shards; what is finished stays."
+        ) from None
+
+
+def _end_with(parent: int) -> None:
+    """End this worker soon after its parent: one that is killed cannot tell its workers."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def _cluster(workers: int, scheduler: str) -> Iterator[tuple[Executor, int]]:
+    from distributed import Client, KilledWorker
+
+    try:
+        if scheduler == LOCAL:
+            client = Client(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+        else:
+            client = Client(scheduler, timeout=_SECONDS)
+            client.wait_for_workers(1, timeout=_SECONDS)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise DatasetError(
+            f"scheduler {scheduler!r} cannot be used: {error}. Start `dask scheduler` and at "
+            "least one `dask worker`, with this package installed, and name its tcp:// address."
+        ) from None
+    try:
+        with client:
+            yield client.get_executor(pure=False), sum(client.nthreads().values())
+    except KilledWorker as error:
+        raise DatasetError(
+            f"One shard brought down several workers, perhaps for want of memory: {error}. "
+            "Choose smaller shards; what is finished stays."
+        ) from None
