@@ -151,6 +151,17 @@ def test_a_tuner_is_trained_for_a_vehicle(tmp_path):
     assert tuners.load(tmp_path / "car.tuner").task.vehicle.J_z == 2600
 
 
+def test_a_data_set_is_made_and_verified(tmp_path):
+    made = ("dataset", "--episodes", "1e2", "--out", tmp_path / "set", "--workers", 1)
+    code, out, _ = call(*made)
+    assert code == 0 and out == f"{tmp_path / 'set'}: 100 episodes\n"
+    code, out, _ = call("dataset", "--out", tmp_path / "set", "--verify")
+    assert code == 0 and out.endswith("100 episodes, intact\n")
+    assert "seed" in call(*made, "--seed", 1)[2]
+    assert "--episodes" in refused(WRONG, "dataset", "--out", tmp_path / "other")
+    assert "not a whole" in refused(WRONG, *made[:2], 1.5, "--out", tmp_path / "other")
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_is_a_script(shell):
     code, out, _ = call("completion", shell)

@@ -1,12 +1,12 @@
 """The flags that say what is in a log, gathered into `Options`."""
 
 import functools
-import math
 from collections.abc import Callable
 from typing import Any
 
 import click
 
+from tuners.cli.numbers import NUMBER, POSITIVE
 from tuners.logs import UNITS, Choice, Options
 from tuners.logs.columns import ROLES
 
@@ -16,27 +16,6 @@ WORDS = {
     "yaw_rate": "yaw rate",
     "speed": "speed",
 }
-
-
-class Number(click.ParamType):  # type: ignore[type-arg]
-    """A finite number, or only a positive one."""
-
-    name = "number"
-
-    def __init__(self, positive: bool = False) -> None:
-        self.positive = positive
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Parse and check."""
-        number = click.FLOAT.convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value} is not a finite number.", param, ctx)
-        if self.positive and number <= 0:
-            self.fail(f"{value} is not above 0.", param, ctx)
-        return number
-
-
-POSITIVE = Number(positive=True)
 
 
 def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -107,6 +86,6 @@ def _flags() -> list[Callable[..., Any]]:
             show_default=True,
             help="What was recorded: what the actuator was told, or the angle that came of it.",
         ),
-        click.option("--from", "start", type=Number(), help="Use the log from this time on [s]."),
-        click.option("--to", "stop", type=Number(), help="Use the log up to this time [s]."),
+        click.option("--from", "start", type=NUMBER, help="Use the log from this time on [s]."),
+        click.option("--to", "stop", type=NUMBER, help="Use the log up to this time [s]."),
     ]  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 from tuners import model_file, vehicle_file
 from tuners.cli.example import example
 from tuners.cli.files import READABLE, Output
+from tuners.cli.numbers import COUNT
 from yawrate_env.task import Task
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ ONE_SPEED, ANY_SPEED = "ts-ff-lag", "ts-ff-lag-vx"
 )
 @click.option(
     "--episodes",
-    type=click.IntRange(min=50),
+    type=COUNT,
     default=1500,
     show_default=True,
     help="Simulated vehicles.",

@@ -40,6 +40,6 @@ def read(path: Path) -> Table:
 
 def _close(file: Any) -> None:
     """Instead of asammdf's finaliser, which prints a traceback where a file did not open."""
-    for close in (lambda: file.close(), lambda: file._tempfile.close()):
+    for close in (file.close, lambda: file._tempfile.close()):
         with suppress(AttributeError):
             close()

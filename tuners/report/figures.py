@@ -75,7 +75,11 @@ def bode(loop: Loop, target: Target) -> Figure:
         above.axhline(0, color=rendering.INK, lw=0.8)
         below.axhline(-180, color=rendering.INK, lw=0.8)
         above.set(ylabel="magnitude [dB]", ylim=(-50, max(30, float(loop.magnitude.max()) + 5)))
-        below.set(ylabel="phase [deg]", xlabel="frequency [Hz]", ylim=(-285, -30))
+        below.set(
+            ylabel="phase [deg]",
+            xlabel="frequency [Hz]",
+            ylim=(-285, max(-30.0, float(loop.phase.max()) + 15)),
+        )
         below.yaxis.set_major_locator(MultipleLocator(45))
         _hertz(below)
         if np.isfinite(crossover):
