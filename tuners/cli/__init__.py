@@ -4,7 +4,10 @@ import sys
 from importlib import import_module
 from typing import Any
 
-import click
+try:
+    import click
+except ImportError:
+    sys.exit('error: the yawrate command needs click: pip install "yawrate[tune]"')
 
 import yawrate_env
 from tuners.cli.example import example
@@ -38,7 +41,7 @@ class Commands(click.Group):
             _end(error.format_message(), error.exit_code)
         except click.Abort:
             _end("interrupted.", 130)
-        except ImportError as error:
+        except ModuleNotFoundError as error:
             _end(f'{error}. Install what is missing: pip install "yawrate[tuners]".', 1)
         except (ValueError, OSError, MemoryError, OverflowError) as error:
             _end(str(error) or type(error).__name__, 1)
