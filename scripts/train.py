@@ -5,10 +5,12 @@ python scripts/train.py rl --episodes 20000 --algorithm sac --out my-rl.tuner
 """
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 import tuners
 from tuners import arguments, rl
+from tuners.calibration import EPISODES, calibrate
 from tuners.progress import Bars
 
 
@@ -17,12 +19,16 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("name", choices=[*tuners.RECIPES, "rl"], help="which tuner")
-    parser.add_argument("--episodes", type=arguments.whole, help="default 1500, rl 20000")
+    parser.add_argument("--episodes", type=arguments.whole, help="default: the recipe's, rl 20000")
     parser.add_argument("--seed", type=arguments.seed, default=0, help="default 0")
     parser.add_argument("--out", type=arguments.model, required=True, help="file to write, *.tuner")
     parser.add_argument(
         "--env-kwargs", type=arguments.environment_kwargs, default={}, metavar="JSON",
         help='conditions of the environment, e.g. \'{"v_x": 25}\'',
+    )  # fmt: skip
+    parser.add_argument(
+        "--calibration", type=arguments.whole, default=EPISODES,
+        help="episodes that calibrate its intervals, default %(default)s",
     )  # fmt: skip
     agent = parser.add_argument_group("rl only")
     agent.add_argument("--algorithm", choices=rl.ALGORITHMS, default="sac")
@@ -33,7 +39,6 @@ def main() -> None:
         help="zip written on the way and resumed from; it holds pickles: use your own only",
     )  # fmt: skip
     args = parser.parse_args()
-    task = arguments.task(args.env_kwargs)
     tuner: tuners.TwoStage | rl.RLTuner
     with Bars() as bars:
         if args.name == "rl":
@@ -52,9 +57,12 @@ def main() -> None:
                 progress=bars,
             )
         else:
+            recipe = tuners.RECIPES[args.name]
+            task = arguments.task({"v_x": list(recipe.v_x), **args.env_kwargs})
             tuner = tuners.train(
-                args.name, task, episodes=args.episodes or 1500, seed=args.seed, progress=bars
+                args.name, task, episodes=args.episodes, seed=args.seed, progress=bars
             )
+        calibrate(tuner, episodes=args.calibration, progress=partial(bars, "calibrating"))
     tuner.save(args.out)
     print(f"{args.out}: {args.name}, {tuner.training}")
 

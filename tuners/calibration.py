@@ -31,7 +31,8 @@ def calibrate(
         parts.append(np.stack([found.margins, found.spread, actual]))
         if progress is not None:
             progress(done, episodes)
-    tuner.calibration = calibrated(*np.concatenate(parts, axis=1), seed)
+    predicted, spread, actual = np.concatenate(parts, axis=1)
+    tuner.calibration = calibrated(predicted, spread, actual, seed)
 
 
 def assessed(

@@ -15,12 +15,14 @@ from tuners.feedforward import FeedForwardSettings
 from tuners.gbm import GBMSettings
 from tuners.gray_box import GrayBox
 from tuners.laguerre import Laguerre
+from tuners.response import FrequencyResponse
 from tuners.rl import RLTuner
+from tuners.trust import Calibration
 from tuners.tuner import Tuner
 from tuners.two_stage import Recipe, TwoStage
 from yawrate_env import validation
 from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.task import Task
+from yawrate_env.task import Prior, Task
 
 RECIPES = {
     "ts-gbm": Recipe(Armax(), GBMSettings()),
@@ -37,9 +39,17 @@ RECIPES = {
         GBMSettings(n_estimators=3000, max_depth=6, max_leaves=0, learning_rate=0.05),
         noise_draws=12,
     ),
+    "ts-ff-lag-vx": Recipe(
+        FrequencyResponse(order=12, pole=12.0, low=0.3, high=6.0, points=6),
+        FeedForwardSettings(neurons=24, max_fail=10, epochs=400),
+        noise_draws=4,
+        vehicles=5000,
+        v_x=(10.0, 33.0),
+    ),
 }
-"""The tuners that are trained: the paper's two, the same with its literal targets, and
-the same learners on Laguerre features with fresh noise on every simulated vehicle."""
+"""The tuners that are trained: the paper's two, the same with its literal targets, the
+same learners on Laguerre features with fresh noise on every simulated vehicle, and one
+for every speed."""
 
 UNTRAINED: dict[str, type[Tuner]] = {"gb": GrayBox, "oracle": Oracle, "nominal": Nominal}
 """The tuners that need no training."""
@@ -47,17 +57,16 @@ UNTRAINED: dict[str, type[Tuner]] = {"gb": GrayBox, "oracle": Oracle, "nominal":
 NAMES = (*RECIPES, *UNTRAINED, "rl")
 
 TRAINING_SEED = 0
-TRAINING_EPISODES = 1500
 LEAST_USABLE = 20
 
 Progress = Callable[[str, int, int], None]
 
 
 def train(
-    name: str,
-    task: Task,
+    tuner: str | Recipe,
+    task: Task | None = None,
     *,
-    episodes: int = TRAINING_EPISODES,
+    episodes: int | None = None,
     seed: int = TRAINING_SEED,
     progress: Progress | None = None,
     dataset: Dataset | None = None,
@@ -66,17 +75,24 @@ def train(
 
     Parameters
     ----------
-    name : str
-        One of `RECIPES`.
-    episodes, seed : int
-        Size and seed of the data; 80 % of it trains, the rest validates.
+    tuner : str or Recipe
+        One of `RECIPES`, or any other combination of the three parts.
+    task : Task, optional
+        What it shall work for; the default vehicles at the recipe's speeds if not given.
+    episodes : int, optional
+        Simulated vehicles, the recipe's if not given; 80 % train, the rest validate.
+    seed : int
+        Of the data and of the learner.
     progress : callable, optional
         Called with what is being done, how far it is, and how far it goes.
     dataset : Dataset, optional
         Data already simulated with this compressor, instead of new.
     """
-    recipe = RECIPES[validation.one_of("tuner", name, tuple(RECIPES))]
-    validation.count("episodes", episodes, at_least=50, remedy="Simulate more.")
+    name, recipe = named(tuner)
+    task = task or Task(prior=Prior(v_x=recipe.v_x))
+    episodes = validation.count(
+        "episodes", episodes or recipe.vehicles, at_least=50, remedy="Simulate more."
+    )
     validation.count("seed", seed, at_least=0)
 
     def report(what: str) -> Callable[[int, int], None] | None:
@@ -115,6 +131,13 @@ def train(
     return TwoStage(task, recipe.compressor, learner, recipe.coordinates, training)
 
 
+def named(tuner: str | Recipe) -> tuple[str, Recipe]:
+    """A recipe and what to call it."""
+    if isinstance(tuner, Recipe):
+        return "custom", tuner
+    return tuner, RECIPES[validation.one_of("tuner", tuner, tuple(RECIPES))]
+
+
 def load(name: str | os.PathLike[str], task: Task | None = None) -> Tuner:
     """A tuner ready to use: by name, or from a ``.tuner`` file.  Nothing is trained.
 
@@ -150,8 +173,10 @@ def from_file(path: str | os.PathLike[str]) -> Tuner:
     known: tuple[type[Tuner], ...] = (*UNTRAINED.values(), TwoStage, RLTuner)
     kinds = {cls.kind: cls for cls in known}
     try:
-        return kinds[settings["kind"]].from_file(settings, arrays)
+        tuner = kinds[settings["kind"]].from_file(settings, arrays)
+        tuner.calibration = Calibration(**settings.get("calibration", {}))
     except (KeyError, TypeError) as error:
         raise model_file.ModelFileError(
             f"{path} lacks or misnames {error}: written by another version. Train it again."
         ) from None
+    return tuner

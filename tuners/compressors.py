@@ -8,11 +8,19 @@ from numpy.typing import NDArray
 
 from tuners.armax import Armax
 from tuners.laguerre import Laguerre
+from tuners.response import FrequencyResponse
 from yawrate_env import validation
+from yawrate_env.task import Prior
 
 Array = NDArray[np.float64]
 
-COMPRESSORS: dict[str, type[Armax | Laguerre]] = {"armax": Armax, "laguerre": Laguerre}
+FirstStage = Armax | Laguerre | FrequencyResponse
+
+COMPRESSORS: dict[str, type[FirstStage]] = {
+    "armax": Armax,
+    "laguerre": Laguerre,
+    "response": FrequencyResponse,
+}
 
 
 class Compressor(Protocol):
@@ -22,7 +30,7 @@ class Compressor(Protocol):
         """Features (B, n) and where they are usable."""
 
 
-def compressor(name: str, **settings: Any) -> Armax | Laguerre:
+def compressor(name: str, **settings: Any) -> FirstStage:
     """A first stage by name, or ``ValueError``."""
     validation.one_of("compressor", name, tuple(COMPRESSORS))
     try:
@@ -31,7 +39,13 @@ def compressor(name: str, **settings: Any) -> Armax | Laguerre:
         raise ValueError(f"compressor {name!r}: {error}.") from None
 
 
-def described(stage: Armax | Laguerre) -> dict[str, Any]:
+def described(stage: FirstStage) -> dict[str, Any]:
     """Name and settings: what `compressor` takes, as plain JSON values."""
     names = {kind: name for name, kind in COMPRESSORS.items()}
     return {"name": names[type(stage)], **asdict(stage)}
+
+
+def conditioned(features: Array, prior: Prior, v_x: Array) -> Array:
+    """Features (B, n), and the logarithm of the speed [m/s] where the prior leaves it open."""
+    low, high = prior.v_x
+    return features if low == high else np.column_stack([features, np.log(v_x)])

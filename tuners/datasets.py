@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners import coordinates
-from tuners.compressors import Compressor
+from tuners.compressors import Compressor, conditioned
 from yawrate_env.batch import concatenate, take
 from yawrate_env.contexts import ContextSet
 from yawrate_env.design import Design, Status
@@ -86,6 +86,7 @@ def simulated(
         u, measured = record(task, draw)
         y = np.asarray(measured, dtype=np.float64)
         features, usable = compressor(u, y, task.experiment.Ts)
+        features = conditioned(features, task.prior, draw.context.v_x)
         oracle = Judge.of(task, draw.context).oracle()
         usable &= oracle.status == Status.OK
         vehicle = np.arange(start, start + _BLOCK)

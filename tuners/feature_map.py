@@ -10,8 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.armax import Armax
-from tuners.laguerre import Laguerre
+from tuners.compressors import FirstStage
 from tuners.recording import Recording
 from yawrate_env import controller
 from yawrate_env.contexts import CONTEXT_SETS
@@ -36,7 +35,7 @@ class FeatureMap:
 
     Attributes
     ----------
-    compressor : Armax or Laguerre
+    compressor : FirstStage
         First stage.
     mean, scale : NDArray
         (n,) over the prior.
@@ -44,7 +43,7 @@ class FeatureMap:
         Which of the context's values are features too.
     """
 
-    compressor: Armax | Laguerre
+    compressor: FirstStage
     mean: Array
     scale: Array
     visible: tuple[str, ...]
@@ -53,7 +52,7 @@ class FeatureMap:
     def of(
         cls,
         task: Task,
-        first_stage: Armax | Laguerre,
+        first_stage: FirstStage,
         visible: tuple[str, ...] = (),
         decimate: int = 1,
     ) -> Self:

@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners import coordinates
-from tuners.armax import Armax
-from tuners.compressors import compressor, described
+from tuners.compressors import FirstStage, compressor, conditioned, described
 from tuners.feedforward import FeedForward, FeedForwardSettings
 from tuners.gbm import GBM, GBMSettings
-from tuners.laguerre import Laguerre
 from tuners.recording import Recording
 from tuners.tuner import Tuner, task_from
 from yawrate_env.design import Design
@@ -48,12 +46,18 @@ class Recipe:
         What is predicted.
     noise_draws : int
         Recordings of every simulated vehicle, with fresh noise.
+    vehicles : int
+        Simulated vehicles that it is usually trained on.
+    v_x : tuple of float
+        Speeds that it is usually trained for [m/s]; a range makes the speed a feature.
     """
 
-    compressor: Armax | Laguerre
+    compressor: FirstStage
     learner: GBMSettings | FeedForwardSettings
     coordinates: str = "loop"
     noise_draws: int = 1
+    vehicles: int = 1500
+    v_x: tuple[float, float] = (20.0, 20.0)
 
 
 class TwoStage(Tuner):
@@ -78,7 +82,7 @@ class TwoStage(Tuner):
     def __init__(
         self,
         task: Task,
-        compressor: Armax | Laguerre,
+        compressor: FirstStage,
         learner: FeedForward | GBM,
         coordinates: str,
         training: dict[str, Any],
@@ -90,6 +94,7 @@ class TwoStage(Tuner):
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Compress, predict, convert."""
         features, usable = self.compressor(recording.u, recording.y, recording.Ts)
+        features = conditioned(features, self.task.prior, self.speeds(recording))
         features = np.where(np.isfinite(features), features, 0.0)
         design = coordinates.decode(self.learner(features), self.task.target, self.coordinates)
         return design, usable

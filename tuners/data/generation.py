@@ -15,12 +15,11 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from tuners.armax import Armax
+from tuners.compressors import FirstStage
 from tuners.data import manifest, shards
 from tuners.data import workers as pool
 from tuners.data.folder import Folder, damage
 from tuners.data.manifest import Configuration, DatasetError, Manifest, Shard
-from tuners.laguerre import Laguerre
 from yawrate_env import validation
 from yawrate_env.compiled import cores
 from yawrate_env.contexts import ContextSet
@@ -42,7 +41,7 @@ _REMEDIES = {
 def generate(
     task: Task,
     contexts: ContextSet,
-    compressor: Armax | Laguerre,
+    compressor: FirstStage,
     episodes: int,
     seed: int,
     out: str | os.PathLike[str],

@@ -13,9 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
-from tuners.armax import Armax
-from tuners.compressors import compressor, described
-from tuners.laguerre import Laguerre
+from tuners.compressors import FirstStage, compressor, described
 from tuners.tuner import task_from
 from yawrate_env import __version__, validation
 from yawrate_env.contexts import ContextSet
@@ -67,7 +65,7 @@ class Configuration:
 
     task: Task
     contexts: ContextSet
-    compressor: Armax | Laguerre
+    compressor: FirstStage
     seed: int
     episodes: int
     shard_size: int
