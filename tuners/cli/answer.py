@@ -8,7 +8,8 @@ import numpy as np
 
 from tuners.forms import Forms
 from tuners.logs import Log
-from tuners.result import Interval, TuningResult
+from tuners.result import TuningResult
+from tuners.words import between
 from yawrate_env.task import Task
 
 
@@ -83,16 +84,6 @@ def described(log: Log) -> str:
         f"{log.source}: {log.t0:.4g} to {log.t0 + e.duration:.4g} s at {log.speed.mean():.1f} m/s, "
         f"steering ±{np.degrees(e.amplitude):.2g} deg"
     )
-
-
-def between(interval: Interval, unit: str) -> str:
-    """A value with its unit and interval, to the digits that the interval is worth."""
-    if not math.isfinite(interval.value):
-        return "unknown"
-    width = interval.high - interval.low
-    places = 2 if not 0 < width < math.inf else min(max(1 - math.floor(math.log10(width)), 0), 4)
-    value, low, high = (f"{v:.{places}f}" for v in (interval.value, interval.low, interval.high))
-    return f"{value}{unit}, between {low} and {high} (90 %)"
 
 
 def _plain(value: Any) -> Any:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 import yawrate_env
-from tuners.cli.answer import between
 from tuners.forms import Forms
 from tuners.logs import Log
 from tuners.report import figures
 from tuners.report.loops import Loop
 from tuners.report.residuals import Correlation, autocorrelation, cross_correlation
 from tuners.result import TuningResult, TwinFit
+from tuners.words import between
 from yawrate_env.files import write_text
 from yawrate_env.task import Task
 
