@@ -230,9 +230,27 @@ def test_lost_samples_are_bridged_and_said(written, signals):
     text = {name: values.tolist() for name, values in signals.items()}
     text["yaw_rate"][100] = "NaN"
     log = read(written(text))
-    assert log.notes[0] == "1 rows have no number somewhere and were left out."
+    assert log.notes[0] == "Rows without a number somewhere were left out: 1."
     assert log.notes[1] == "1 sample lost: resampled to 10 ms."
     assert len(log.steer) == len(signals["t"]) and abs(log.yaw_rate[100]) < 1
+
+
+def test_a_speed_that_is_recorded_less_often_is_interpolated(written, signals):
+    text = {name: values.tolist() for name, values in signals.items()}
+    text["speed"] = [18.0 + 0.001 * k if k % 10 == 0 else "" for k in range(len(text["t"]))]
+    log = read(written(text))
+    assert log.notes == () and len(log.speed) == len(text["t"])
+    np.testing.assert_allclose(log.speed[:-10], 18.0 + 0.001 * np.arange(len(log.speed) - 10))
+
+
+def test_clocks_and_dates_are_times(written, signals):
+    for stamps in (
+        [1700000000000000000 + round(1e9 * t) for t in signals["t"]],
+        [f"2026-01-01 12:00:{t:06.3f}" for t in signals["t"]],
+    ):
+        name = "t_ns" if isinstance(stamps[0], int) else "t"
+        log = read(written({name: stamps} | {n: v for n, v in signals.items() if n != "t"}))
+        assert log.Ts == TS and log.steer == pytest.approx(signals["steer"])
 
 
 def test_the_sampling_time_may_be_given(written, signals):
@@ -249,7 +267,9 @@ def test_a_stretch_is_chosen(written, signals):
     log = read(written(), start=2.0, stop=6.0)
     assert log.t0 == 2.0 and len(log.steer) == 401
     assert (log.yaw_rate == pytest.approx(signals["yaw_rate"][200:601], rel=1e-9))  # fmt: skip
-    with pytest.raises(SelectionError, match=r"Nothing between 20 and 30 s.* from 0 to 7\.99 s"):
+    with pytest.raises(
+        SelectionError, match=r"Nothing between 20 and 30 s.* from 0\.00 to 7\.99 s"
+    ):
         read(written(), start=20.0, stop=30.0)
 
 
@@ -265,6 +285,9 @@ def test_the_best_excited_stretch_is_found(written, signals):
     }
     log = read(written(whole))
     assert log.t0 <= 30.0 and log.t0 + 20 >= 40.0
+    at = np.searchsorted(t, log.t0 - 1e-9)
+    np.testing.assert_allclose(log.steer, whole["steer"][at : at + 2000], atol=1e-9)
+    np.testing.assert_allclose(log.yaw_rate, whole["yaw_rate"][at : at + 2000], atol=1e-9)
     assert any("Best-excited stretch used" in note for note in log.notes)
 
 

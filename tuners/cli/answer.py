@@ -81,7 +81,7 @@ def described(log: Log) -> str:
     """One line about a log."""
     e = log.excitation
     return (
-        f"{log.source}: {log.t0:.4g} to {log.t0 + e.duration:.4g} s at {log.speed.mean():.1f} m/s, "
+        f"{log.source}: {log.t0:.2f} to {log.t0 + e.duration:.2f} s at {log.speed.mean():.1f} m/s, "
         f"steering ±{np.degrees(e.amplitude):.2g} deg"
     )
 

@@ -93,7 +93,7 @@ def floats(name: str, column: Any) -> Array:
 
 def _array(column: Any) -> Array:
     """From the buffers: ``to_numpy`` imports pandas, which takes longer than all the rest."""
-    whole = column.cast("float64").combine_chunks()
+    whole = column.cast("float64", safe=False).combine_chunks()
     if not len(whole):
         return np.empty(0)
     values = np.frombuffer(whole.buffers()[1], np.float64, len(whole), 8 * whole.offset)

@@ -80,9 +80,7 @@ def read_log(path: Path, task: Task, options: Options) -> Log:
     if "speed" not in signals:
         signals["speed"] = np.full(len(base.grid), options.speed or _only_speed(task))
     part, chosen = _stretch(base, signals, task, options)
-    log = _log(
-        path.name, base, {name: signal[part] for name, signal in signals.items()}, part, task
-    )
+    log = _log(path.name, base, signals, part, task)
     log = replace(log, notes=(*notes, *chosen, *log.excitation.notes))
     return _whole_vehicle(log, task.vehicle) if options.steer_is == "measured" else log
 
@@ -143,7 +141,7 @@ def _stretch(
         part, shorter = excitation.best_stretch(
             signals["steer"], signals["speed"], base.Ts, task.target.crossover, LONGEST
         )
-        words = f"Best-excited stretch used: {t[part.start]:.4g} to {t[part.stop - 1]:.4g} s."
+        words = f"Best-excited stretch used: {t[part.start]:.2f} to {t[part.stop - 1]:.2f} s."
         return part, [words] if shorter else []
     start = t[0] if options.start is None else options.start
     stop = t[-1] if options.stop is None else options.stop
@@ -151,6 +149,6 @@ def _stretch(
     if part.stop - part.start < 2:
         raise SelectionError(
             f"Nothing between {start:g} and {stop:g} s: the usable recording runs from "
-            f"{t[0]:.4g} to {t[-1]:.4g} s."
+            f"{t[0]:.2f} to {t[-1]:.2f} s."
         )
     return part, []

@@ -25,9 +25,11 @@ def sampled(
     if len(set(sizes.values())) > 1:
         listed = ", ".join(f"{name} {size}" for name, size in sizes.items())
         raise LogError(f"The columns have different lengths: {listed}.")
+    if "speed" in values:
+        values["speed"] = _filled(values["speed"])
     complete = (np.abs([time, *values.values()]) < _NONSENSE).all(axis=0)
     lost = len(time) - int(complete.sum())
-    words = [f"{lost} rows have no number somewhere and were left out."] if lost else []
+    words = [f"Rows without a number somewhere were left out: {lost}."] if lost else []
     time = time[complete]
     base = time_base(time, SHORTEST)
     on_grid = {}
@@ -60,6 +62,12 @@ def _onto(time: Array, quantity: Quantity, role: str) -> Array:
         before = np.searchsorted(quantity.time, time, side="right") - 1
         return np.where(before >= 0, quantity.values[before], np.nan)
     return np.interp(time, quantity.time, quantity.values, np.nan, np.nan).astype(np.float64)
+
+
+def _filled(speed: Array) -> Array:
+    """Missing speeds interpolated: it changes slowly, and is often recorded less often."""
+    index, known = np.arange(len(speed)), np.isfinite(speed)
+    return np.asarray(np.interp(index, index[known], speed[known]) if known.any() else speed)
 
 
 def _resampled(time: Array, base: TimeBase, values: Array, held: bool) -> Array:
