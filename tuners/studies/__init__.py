@@ -1,0 +1,1 @@
+"""Studies behind `results/`: each module answers one question with a table and a picture."""
