@@ -5,15 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import drive
+from answers import PAPER, drive
 from click.testing import CliRunner
 
 import tuners
 from tuners.catalogue import shipped
 from tuners.cli import main
 from tuners.cli.tune import DEFAULT
+from tuners.vehicle_file import example
 from yawrate_env.judge import Judge
-from yawrate_env.task import Prior, Task
+from yawrate_env.task import Task
 from yawrate_env.vehicle import Context
 
 TUNERS = ["gb", *([DEFAULT] if DEFAULT in tuners.NAMES and shipped(DEFAULT).exists() else [])]
@@ -33,9 +34,9 @@ def write(path, t, steer, yaw_rate, speed):
     np.savetxt(path, table, delimiter=",", header="t,steer,yaw_rate,speed", comments="")
 
 
-def margins(found, mu_s, M_delta, v_x):
+def margins(found, mu_s, M_delta, v_x, vehicle=PAPER):
     """Phase margin and crossover of the true vehicle's loop, less the target's."""
-    judge = Judge.of(Task(), Context.of(mu_s, M_delta, v_x))
+    judge = Judge.of(Task(vehicle), Context.of(mu_s, M_delta, v_x))
     verdict = judge(np.array([found["kp"]]), np.array([found["Ti"]])).margins
     return verdict.phase_margin[0] - 60.0, verdict.crossover[0] - 1.5
 
@@ -119,10 +120,20 @@ def test_a_wrong_sign_a_wrong_unit_and_a_dead_sensor_are_not_trusted(tmp_path, t
         assert status == 3 and found["reasons"] and found["fallback"]["kp"] > 0, name
 
 
-def test_a_tuner_of_ones_own_is_used(tmp_path):
-    task = replace(Task(), prior=Prior(v_x=(18.0, 18.0)))
-    tuners.train("ts-ff-lag", task, episodes=100).save(tmp_path / "car.tuner")
-    u, _, y = drive()
+def test_a_tuner_of_ones_own_lands_as_well(tmp_path):
+    """Another car, a narrow prior, few vehicles; the drive is not the training's either."""
+    vehicle = replace(PAPER, J_z=2900.0, l_f=1.3)
+    text = example().replace("J_z = 2400.0", "J_z = 2900.0").replace("l_f = 1.18", "l_f = 1.3")
+    (tmp_path / "car.toml").write_text(text.replace("v_x = 20.0", "v_x = 18.0"))
+    made = CliRunner().invoke(
+        main, ["train", "--vehicle", str(tmp_path / "car.toml"), "--episodes", "400",
+               "-o", str(tmp_path / "car.tuner")], catch_exceptions=False,
+    )  # fmt: skip
+    assert made.exit_code == 0, made.output
+    u, _, y = drive(vehicle=vehicle)
     write(tmp_path / "log.csv", 0.01 * np.arange(len(u)), u, y, 18.0)
-    found, _ = tune(tmp_path / "log.csv", str(tmp_path / "car.tuner"))
-    assert found["tuner"].endswith("car.tuner") and 0 < found["kp"] < 10
+    found, status = tune(tmp_path / "log.csv", str(tmp_path / "car.tuner"))
+    phase, crossover = margins(found, 0.8, 120.0, 18.0, vehicle)
+    assert abs(phase) < 0.5 and abs(crossover) < 0.02 and status == 0
+    papers, status = tune(tmp_path / "log.csv", "gb")
+    assert max(map(abs, margins(papers, 0.8, 120.0, 18.0, vehicle))) > 0.5 or status == 3

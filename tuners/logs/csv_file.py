@@ -88,7 +88,8 @@ def floats(name: str, column: Any) -> Array:
     bad = next((k for k, v in enumerate(column) if v.is_valid and not _number(str(v))), None)
     if bad is None:
         raise LogError(f"Column {name} holds no numbers.")
-    raise LogError(f"Column {name} has {str(column[bad])!r} in data row {bad + 1}: not a number.")
+    cell = str(column[bad])[:20]
+    raise LogError(f"Column {name} has {cell!r} in data row {bad + 1}: not a number.")
 
 
 def _array(column: Any) -> Array:
