@@ -30,3 +30,12 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
 def test_text_is_utf_8(tmp_path):
     write_text(tmp_path / "t", "1 µs, 60°")
     assert (tmp_path / "t").read_bytes() == "1 µs, 60°".encode()
+
+
+def test_what_is_no_regular_file_is_left_alone(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path in (pipe, tmp_path):
+        with pytest.raises(ValueError, match="no regular file"):
+            write_text(path, "x")
+    assert pipe.is_fifo() and list(tmp_path.iterdir()) == [pipe]

@@ -49,7 +49,7 @@ def test_a_start_in_mid_drive_is_found_and_taken_out(register):
     clean = simulate(plants(task.vehicle, whole.context, 0.001), cut.u)
     noise = np.sqrt(model.residual / cut.y.shape[1])
     error = np.sqrt(((model.recording.y - clean) ** 2).mean(axis=1))
-    np.testing.assert_allclose(error, noise, rtol=0.05)
+    np.testing.assert_allclose(error, noise, rtol=0.15)
 
 
 def test_offsets_of_the_command_end_up_in_the_constant():

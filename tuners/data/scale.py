@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.data.folder import deviation, verify
-from tuners.throughput import processor
+from tuners.stopwatch import processor
 from yawrate_env.compiled import cores
 
 Array = NDArray[np.float64]
