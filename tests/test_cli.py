@@ -151,6 +151,22 @@ def test_a_tuner_is_trained_for_a_vehicle(tmp_path):
     assert tuners.load(tmp_path / "car.tuner").task.vehicle.J_z == 2600
 
 
+def test_gains_and_tuners_are_exported(tmp_path):
+    gains = ("export", "--kp", 0.42, "--Ti", 0.31)
+    code, out, _ = call(
+        *gains, "--limits", -0.1, 0.2, "--target", "json", "-o", tmp_path / "pi.json"
+    )
+    assert code == 0 and out == f"{tmp_path / 'pi.json'}\n"
+    assert json.loads((tmp_path / "pi.json").read_text())["kp"] == 0.42
+    code, out, _ = call(*gains, "--Ts", 0.005, "-o", tmp_path / "pi")
+    assert code == 0 and [line.rpartition(".")[2] for line in out.split()] == ["h", "c", "c"]
+    assert "--kp and --Ti" in refused(WRONG, *gains[:3], "-o", tmp_path / "pi")
+    assert "holds no gains" in refused(
+        UNUSABLE, "export", "--tuner", "ts-ff", "--target", "json", "-o", tmp_path / "x.json"
+    )
+    assert "folder" in refused(WRONG, *gains, "-o", tmp_path / "no" / "pi")
+
+
 def test_a_data_set_is_made_and_verified(tmp_path):
     made = ("dataset", "--episodes", "1e2", "--out", tmp_path / "set", "--workers", 1)
     code, out, _ = call(*made)

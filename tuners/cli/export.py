@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from tuners.cli.example import example
+from tuners.cli.files import Output
 from tuners.cli.numbers import NUMBER, POSITIVE
 from tuners.cli.tuner_option import loaded
 
@@ -39,7 +40,7 @@ TARGETS = ("c", "matlab", "json", "onnx")
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path),
+    type=Output(folder=True),
     required=True,
     help="File to write; a folder for c.",
 )
@@ -48,7 +49,8 @@ def command(
     tuner: str | None, target: str, out: Path,
 ) -> None:  # fmt: skip
     """Write a controller, or a tuner, for the vehicle's computer."""
-    from tuners.export import LIMITS, export
+    from tuners.export import export
+    from tuners.export.digital_pi import LIMITS
 
     if tuner is None and (kp is None or ti is None):
         raise click.UsageError("Give --kp and --Ti, or a --tuner.")

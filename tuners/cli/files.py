@@ -10,10 +10,10 @@ READABLE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
 class Output(click.Path):
-    """A file to write, in a folder that exists."""
+    """A file to write, or a folder, in a folder that exists."""
 
-    def __init__(self, suffix: str = "") -> None:
-        super().__init__(dir_okay=False, path_type=Path)
+    def __init__(self, suffix: str = "", *, folder: bool = False) -> None:
+        super().__init__(dir_okay=folder, path_type=Path)
         self.suffix = suffix
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:

@@ -68,10 +68,12 @@ def accuracy(tuner: "Tuner", task: Task, seed: int) -> str:
     contexts = CONTEXT_SETS["test"]
     (found,) = evaluate({"": tuner}, task, contexts, episodes=VALIDATION, seed=seed, batch=64)
     bound = cramer_rao(task, contexts.draw(task.prior, seed, 0, VALIDATION))
-    least = np.sqrt(np.mean(bound**2, axis=0))
     words = []
-    for name, unit, limit in (("phase_margin", "deg", least[0]), ("crossover", "Hz", least[1])):
+    margins = ("phase_margin", "deg"), ("crossover", "Hz")
+    for (name, unit), least in zip(margins, bound.T, strict=True):
         error = getattr(found, name) - getattr(task.target, name)
-        rms = np.sqrt(np.mean(error**2))
+        both = np.isfinite(error + least)  # where a PI reaches the target at all
+        rms, limit = (np.sqrt(np.mean(x[both] ** 2)) for x in (error, least))
         words.append(f"{name.replace('_', ' ')} {rms:.2g} {unit} rms (bound {limit:.2g})")
-    return f"{', '.join(words)}; {np.count_nonzero(~found.stable)} of {VALIDATION} unstable"
+    unstable = np.count_nonzero(~found.stable)
+    return f"{', '.join(words)}; {unstable} of {VALIDATION} loops unstable"
