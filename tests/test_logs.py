@@ -96,6 +96,14 @@ def test_a_unit_in_a_name_is_read(written, signals, form):
     same(read(written(degrees, names=["t", form, "yaw_rate", "speed"])), signals)
 
 
+@pytest.mark.parametrize("form", ["speed [kn]", "speed (vehicle)"])
+def test_a_unit_that_is_not_understood_is_refused(written, signals, form):
+    path = written(names=["t", "steer", "yaw_rate", form])
+    with pytest.raises(LogError, match=r"none of m/s, km/h, mph\. Give --speed-unit"):
+        read(path)
+    same(read(path, choice=Choice(units={"speed": "m/s"})), signals)
+
+
 def test_units_ratio_and_signs_are_applied(written, signals):
     given = signals | {
         "t": 1e3 * signals["t"],

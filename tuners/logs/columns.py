@@ -28,13 +28,13 @@ UNITS = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "steer": {"rad": 1.0, "deg": np.pi / 180},
     "yaw_rate": {"rad/s": 1.0, "deg/s": np.pi / 180},
-    "speed": {"m/s": 1.0, "km/h": 1 / 3.6},
+    "speed": {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704},
 }
 _SPELLINGS = {
-    "s": "s sec seconds [s]", "ms": "ms", "us": "us µs", "ns": "ns",
+    "s": "s sec seconds", "ms": "ms", "us": "us µs", "ns": "ns",
     "rad": "rad radians", "deg": "deg ° degrees degree grad",
     "rad/s": "rad/s rads radps rad_s rad/sec", "deg/s": "deg/s degs degps deg_s °/s deg/sec dps",
-    "m/s": "m/s mps m_s ms-1 meterspersecond", "km/h": "km/h kmh kph km_h",
+    "m/s": "m/s mps m_s ms-1 meterspersecond", "km/h": "km/h kmh kph km_h", "mph": "mph mi/h",
 }  # fmt: skip
 
 
@@ -98,7 +98,7 @@ def is_hand_wheel(name: str) -> bool:
 
 
 def _quantity(role: str, name: str, column: Column, unit: str | None) -> Quantity:
-    unit = unit or _unit(role, column.unit) or _unit_in(role, name) or next(iter(UNITS[role]))
+    unit = unit or _unit_of(role, name, column.unit)
     return Quantity(name, unit, column.values * UNITS[role][unit], column.time)
 
 
@@ -120,16 +120,21 @@ def _stem(name: str, role: str) -> str:
     return stem
 
 
-def _unit_in(role: str, name: str) -> str | None:
+def _unit_of(role: str, name: str, stated: str) -> str:
+    """What the file says, or SI if it says nothing; what is not understood is refused."""
     bracketed = re.search(r"[\[(](.*?)[\])]", name)
-    if bracketed:
-        return _unit(role, bracketed.group(1))
-    return _unit(role, name[len(_stem(name, role)) + 1 :])
-
-
-def _unit(role: str, words: str) -> str | None:
-    wanted = words.strip(" []()").lower()
-    return next((u for u in UNITS[role] if wanted and wanted in _SPELLINGS[u].split()), None)
+    said = stated or (bracketed.group(1) if bracketed else name[len(_stem(name, role)) + 1 :])
+    wanted = said.strip(" []()").lower()
+    if not re.search(r"[^\W\d_]|[°%]", wanted):
+        return next(iter(UNITS[role]))
+    for unit in UNITS[role]:
+        if wanted in _SPELLINGS[unit].split():
+            return unit
+    flag = role.replace("_", "-")
+    raise LogError(
+        f"Column {name} says {said.strip()!r} where its unit is expected, which is none of "
+        f"{', '.join(UNITS[role])}. Give --{flag}-unit."
+    )
 
 
 def _plain(name: str) -> str:
