@@ -88,13 +88,13 @@ def recognised(role: str, names: Sequence[str]) -> str | None:
     """The column whose name says that it is this; the earliest synonym wins."""
     plain: dict[str, str] = {}
     for name in names:
-        plain.setdefault(_plain(_stem(name, role)), name)
+        plain.setdefault(_plain(_split(name, role)[0]), name)
     return next((plain[s] for s in SYNONYMS[role].split() if s in plain), None)
 
 
 def is_hand_wheel(name: str) -> bool:
     """Whether a column's name says that it is measured at the hand wheel."""
-    return _plain(_stem(name, "steer")) in HAND_WHEEL
+    return _plain(_split(name, "steer")[0]) in HAND_WHEEL
 
 
 def _quantity(role: str, name: str, column: Column, unit: str | None) -> Quantity:
@@ -110,20 +110,22 @@ def _named(given: str, role: str, names: Sequence[str]) -> str:
     raise SelectionError(f"No column {given!r} for {role}; there are {_listed(names)}.")
 
 
-def _stem(name: str, role: str) -> str:
-    """A column's name without structure, bracketed unit and unit at its end."""
-    stem = re.sub(r"[\[(].*?[\])]", "", name.rpartition(".")[2] or name).strip()
+def _split(name: str, role: str) -> tuple[str, str]:
+    """A column's name without structure and unit, and what stands for the unit."""
+    last = name.rpartition(".")[2] or name
+    bracketed = re.search(r"[\[(](.*?)[\])]", last)
+    if bracketed:
+        return last.replace(bracketed.group(), "").strip(), bracketed.group(1)
     for unit in UNITS[role]:
         for spelling in _SPELLINGS[unit].split():
-            if stem.lower().endswith(f"_{spelling}"):
-                return stem[: -len(spelling) - 1]
-    return stem
+            if last.lower().endswith(f"_{spelling}"):
+                return last[: -len(spelling) - 1], spelling
+    return last, ""
 
 
 def _unit_of(role: str, name: str, stated: str) -> str:
     """What the file says, or SI if it says nothing; what is not understood is refused."""
-    bracketed = re.search(r"[\[(](.*?)[\])]", name)
-    said = stated or (bracketed.group(1) if bracketed else name[len(_stem(name, role)) + 1 :])
+    said = stated or _split(name, role)[1]
     wanted = said.strip(" []()").lower()
     if not re.search(r"[^\W\d_]|[°%]", wanted):
         return next(iter(UNITS[role]))
