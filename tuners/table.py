@@ -77,17 +77,17 @@ def _line(r: Row) -> str:
     cells = [f"`{r['tuner']}`" if "unstable" in r else f"*{r['tuner']}*"]
     for name, places in (("phase_margin", 3), ("crossover", 4)):
         m = r[name]
-        cells.append(f"{m['mean']:.{places}f} ± {_short(m['std'])}")
+        cells.append(f"{m['mean']:.{places}f} ± {short(m['std'])}")
         interval = m.get("std_interval")
-        cells.append("–".join(map(_short, interval)) if interval else "")
+        cells.append("–".join(map(short, interval)) if interval else "")
         cells.append("{:g} ± {:g}".format(*paper[name]) if paper else "")
     percent = r.get("rms_percent", {})
-    cells += [_short(percent[k]) if k in percent else "" for k in ("kp", "Ti")]
+    cells += [short(percent[k]) if k in percent else "" for k in ("kp", "Ti")]
     cells.append(str(r.get("unstable", "")))
     return "| " + " | ".join(cells) + " |"
 
 
-def _short(value: float) -> str:
+def short(value: float) -> str:
     """Three significant digits without an exponent."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"

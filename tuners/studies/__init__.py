@@ -1,0 +1,1 @@
+"""Studies: what the results on accuracy are made from, one a module."""

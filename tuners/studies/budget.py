@@ -1,0 +1,153 @@
+"""Where the error comes from: the bound, and what each stage of a tuner adds to it.
+
+Down a tuner's column something is lost at every step, and nothing else changes:
+
+1. the information in the whole recording, which is the Cramer-Rao bound;
+2. what block averaging keeps of it (ARMAX alone averages);
+3. what the features keep of it (`tuners.information`);
+4. the best network that we can train on these features, with as many vehicles as it takes;
+5. the tuner's own learner, with as many;
+6. the same with the usual number of vehicles;
+7. the same with (kp, Ti) for targets.
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners import information
+from tuners.armax import Armax
+from tuners.bound import cramer_rao, margin_sensitivity, posterior_spread, spread
+from tuners.catalogue import RECIPES
+from tuners.feedforward import FeedForwardSettings
+from tuners.gray_box import GrayBox
+from tuners.laguerre import Laguerre
+from tuners.studies import nested
+from tuners.studies.rows import HEAD, Row, cells, errors, row
+from tuners.two_stage import Recipe
+from yawrate_env.batch import take
+from yawrate_env.contexts import CONTEXT_SETS
+from yawrate_env.episode import Draw
+from yawrate_env.files import write_text
+from yawrate_env.task import Task
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+TUNERS = ("ts-ff-lag", "ts-gbm-lag", "ts-ff", "ts-gbm")
+BEST = FeedForwardSettings(neurons=24, max_fail=10)
+_BLOCK = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """How much of everything.
+
+    Attributes
+    ----------
+    episodes : int
+        Test episodes.
+    vehicles : int
+        That the tuners usually train on.
+    many : int
+        As many as it takes.
+    """
+
+    episodes: int = 1500
+    vehicles: int = 1500
+    many: int = 20_000
+
+
+def budget(sizes: Sizes, seed: int = 0, progress: Progress | None = None) -> list[Row]:
+    """Rows with ``tuner`` ("" for what holds for all), ``step`` and the errors."""
+    task = Task()
+    draw = CONTEXT_SETS["test"].draw(task.prior, seed, 0, sizes.episodes)
+    bound = cramer_rao(task, draw)
+    gray_box = errors(GrayBox(task), task, sizes.episodes, seed)
+    rows = [
+        _row("", "Cramér–Rao bound", bound, bound),
+        _row("", "posterior spread under the prior", posterior_spread(task, draw), bound),
+        _row("", "`gb`", gray_box, bound),
+    ]
+    for compressor in dict.fromkeys(RECIPES[name].compressor for name in TUNERS):
+        names = [name for name in TUNERS if RECIPES[name].compressor == compressor]
+        shared = list(_information(task, draw, compressor, bound, progress))
+        learned = list(_learned(task, names, sizes, seed, progress))
+        for name in names:
+            for step, off in [*shared, *((s, off) for own, s, off in learned if own in ("", name))]:
+                rows.append(_row(name, step, off, bound))
+    return rows
+
+
+def _row(tuner: str, step: str, off: Array, bound: Array) -> Row:
+    return row(step, off, bound, tuner=tuner)
+
+
+def _information(
+    task: Task, draw: Draw, compressor: object, bound: Array, progress: Progress | None
+) -> Iterator[tuple[str, Array]]:
+    """Steps 1 to 3 with their spreads (E, 2)."""
+    yield "information in the recording (the bound)", bound
+    J = margin_sensitivity(task, draw.context)
+    stages: dict[str, Callable[[Draw], Array]] = {}
+    if isinstance(compressor, Armax):
+        block = round(compressor.Ts / task.experiment.Ts)
+        stages[f"… averaged over {block} samples"] = lambda part: information.after_averaging(
+            task, part, block
+        )
+        stages["… in the features"] = lambda part: information.in_armax(task, part, compressor)
+    elif isinstance(compressor, Laguerre):
+        stages["… in the features"] = lambda part: information.in_laguerre(task, part, compressor)
+    for step, kept in stages.items():
+        found = []
+        for first in range(0, len(draw), _BLOCK):
+            found.append(kept(take(draw, slice(first, first + _BLOCK))))
+            if progress is not None:
+                progress("information", min(first + _BLOCK, len(draw)), len(draw))
+        yield step, spread(J, np.linalg.inv(np.concatenate(found)))
+
+
+def _learned(
+    task: Task, names: Sequence[str], sizes: Sizes, seed: int, progress: Progress | None
+) -> Iterator[tuple[str, str, Array]]:
+    """Steps 4 to 7 of tuners with the same compressor: tuner ("" for all), step, errors."""
+    most = max((RECIPES[name] for name in names), key=lambda recipe: recipe.noise_draws)
+    draws = {m: nested.noise_draws(most, m) for m in (sizes.vehicles, sizes.many)}
+    report = None if progress is None else lambda done, of: progress("simulating", done, of)
+    parts = nested.simulate(task, most.compressor, draws, report)
+
+    def tested(recipe: Recipe, vehicles: int) -> Array:
+        tuner = nested.trained(recipe, task, parts, vehicles, draws[vehicles], progress)
+        return errors(tuner, task, sizes.episodes, seed)
+
+    best = f"the best network, {sizes.many} vehicles"
+    yield "", best, tested(replace(most, learner=BEST), sizes.many)
+    for name in names:
+        recipe = RECIPES[name]
+        yield name, f"its own learner, {sizes.many} vehicles", tested(recipe, sizes.many)
+        yield name, f"… {sizes.vehicles} vehicles", tested(recipe, sizes.vehicles)
+        gains = replace(recipe, coordinates="gains")
+        yield name, "… and (kp, Ti) as targets", tested(gains, sizes.vehicles)
+
+
+def to_markdown(rows: Sequence[Row]) -> str:
+    """One table, a tuner after the other."""
+    lines = [f"| tuner | step | {HEAD}", "|---|---|---|---|---|---|---|"]
+    before = None
+    for r in rows:
+        tuner = f"**`{r['tuner']}`**" if r["tuner"] and r["tuner"] != before else ""
+        lines.append(f"| {tuner} | {r['name']} | {cells(r)}")
+        before = r["tuner"]
+    return "\n".join(lines) + "\n"
+
+
+def write(rows: Sequence[Row], sizes: Sizes, seed: int, results: Path) -> None:
+    """Write ``budget.json`` and ``budget.md``."""
+    conditions = {**asdict(sizes), "seed": seed, "context": "test"}
+    text = json.dumps({"conditions": conditions, "rows": list(rows)}, indent=1)
+    write_text(results / "budget.json", text + "\n")
+    write_text(results / "budget.md", to_markdown(rows))
