@@ -42,8 +42,7 @@ def cramer_rao(task: Task, draw: Draw) -> Array:
 
     Friction and mass are unknown; speed and everything else is known.
     """
-    J = margin_sensitivity(task, draw.context)
-    return spread(J, np.linalg.inv(information(task, draw)))
+    return spread(margin_sensitivity(task, draw.context), inverse(information(task, draw)))
 
 
 def posterior_spread(task: Task, draw: Draw) -> Array:
@@ -62,7 +61,7 @@ def posterior_spread(task: Task, draw: Draw) -> Array:
         )
     truth = np.stack([draw.context.mu_s, draw.context.M_delta], axis=1)
     by_log = np.stack([draw.context.mu_s, total_mass(task.vehicle, draw.context)], axis=1)
-    root = by_log[:, :, None] * np.linalg.cholesky(np.linalg.inv(information(task, draw)))
+    root = by_log[:, :, None] * np.linalg.cholesky(inverse(information(task, draw)))
     nodes, weights = hermegauss(_ESTIMATES)
     risk = np.zeros((len(draw), 2, 2))
     for i, j in product(range(_ESTIMATES), repeat=2):
@@ -75,6 +74,11 @@ def posterior_spread(task: Task, draw: Draw) -> Array:
 def spread(J: Array, covariance: Array) -> Array:
     """Standard deviations of ``J theta`` where theta has a covariance, (B, 2)."""
     return np.asarray(np.sqrt(np.einsum("bij,bjk,bik->bi", J, covariance, J)))
+
+
+def inverse(matrices: Array) -> Array:
+    """Covariances from information, and back."""
+    return np.asarray(np.linalg.inv(matrices), dtype=np.float64)
 
 
 def information(task: Task, draw: Draw) -> Array:

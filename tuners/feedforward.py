@@ -272,7 +272,7 @@ def normal_equations(
     first, width = h * n + h, h * n + 2 * h + 1
     ZZ, Ze = weights.new_zeros(width, width), weights.new_zeros(width, o)
     squares = weights.new_zeros(())
-    for inputs, targets in zip(x.split(_ROWS), t.split(_ROWS), strict=True):
+    for inputs, targets in zip(torch.split(x, _ROWS), torch.split(t, _ROWS), strict=True):
         hidden = (inputs @ W1.T + b1).tanh()
         error = hidden @ W2.T + b2 - targets
         slope = 1 - hidden**2

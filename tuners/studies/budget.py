@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from tuners import information
 from tuners.armax import Armax
-from tuners.bound import cramer_rao, margin_sensitivity, posterior_spread, spread
+from tuners.bound import cramer_rao, inverse, margin_sensitivity, posterior_spread, spread
 from tuners.catalogue import RECIPES
+from tuners.compressors import FirstStage
 from tuners.feedforward import FeedForwardSettings
 from tuners.gray_box import GrayBox
 from tuners.laguerre import Laguerre
@@ -75,7 +76,7 @@ def budget(sizes: Sizes, seed: int = 0, progress: Progress | None = None) -> lis
     ]
     for compressor in dict.fromkeys(RECIPES[name].compressor for name in TUNERS):
         names = [name for name in TUNERS if RECIPES[name].compressor == compressor]
-        shared = list(_information(task, draw, compressor, bound, progress))
+        shared = list(_information(task, draw, compressor, progress))
         learned = list(_learned(task, names, sizes, seed, progress))
         for name in names:
             for step, off in [*shared, *((s, off) for own, s, off in learned if own in ("", name))]:
@@ -88,27 +89,33 @@ def _row(tuner: str, step: str, off: Array, bound: Array) -> Row:
 
 
 def _information(
-    task: Task, draw: Draw, compressor: object, bound: Array, progress: Progress | None
+    task: Task, draw: Draw, compressor: FirstStage, progress: Progress | None
 ) -> Iterator[tuple[str, Array]]:
-    """Steps 1 to 3 with their spreads (E, 2)."""
-    yield "information in the recording (the bound)", bound
+    """Steps 2 and 3 with their spreads (E, 2)."""
     J = margin_sensitivity(task, draw.context)
-    stages: dict[str, Callable[[Draw], Array]] = {}
-    if isinstance(compressor, Armax):
-        block = round(compressor.Ts / task.experiment.Ts)
-        stages[f"… averaged over {block} samples"] = lambda part: information.after_averaging(
-            task, part, block
-        )
-        stages["… in the features"] = lambda part: information.in_armax(task, part, compressor)
-    elif isinstance(compressor, Laguerre):
-        stages["… in the features"] = lambda part: information.in_laguerre(task, part, compressor)
-    for step, kept in stages.items():
+    for step, kept in _kept(task, compressor).items():
         found = []
         for first in range(0, len(draw), _BLOCK):
             found.append(kept(take(draw, slice(first, first + _BLOCK))))
             if progress is not None:
-                progress("information", min(first + _BLOCK, len(draw)), len(draw))
-        yield step, spread(J, np.linalg.inv(np.concatenate(found)))
+                progress(step, min(first + _BLOCK, len(draw)), len(draw))
+        yield step, spread(J, inverse(np.concatenate(found)))
+
+
+def _kept(task: Task, compressor: FirstStage) -> dict[str, Callable[[Draw], Array]]:
+    """What a compressor does to a recording step by step: information left, (B, 2, 2)."""
+    in_features = "information in the features"
+    if isinstance(compressor, Laguerre):
+        return {in_features: lambda draw: information.in_laguerre(task, draw, compressor)}
+    if isinstance(compressor, Armax):
+        block = round(compressor.Ts / task.experiment.Ts)
+        return {
+            f"information in averages over {block} samples": lambda draw: (
+                information.after_averaging(task, draw, block)
+            ),
+            in_features: lambda draw: information.in_armax(task, draw, compressor),
+        }
+    raise ValueError(f"{compressor} has no account of its information yet; use ARMAX or Laguerre.")
 
 
 def _learned(

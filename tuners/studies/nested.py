@@ -1,6 +1,7 @@
 """Training sets that contain each other, simulated once."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from tuners.catalogue import TRAINING_SEED, train
 from tuners.compressors import FirstStage
@@ -63,5 +64,10 @@ def trained(
     progress: Callable[[str, int, int], None] | None = None,
 ) -> TwoStage:
     """Train a recipe on the first `vehicles` of the data."""
-    data = first(parts, vehicles, draws)
-    return train(recipe, task, episodes=vehicles, dataset=data, progress=progress)
+    return train(
+        replace(recipe, noise_draws=draws),
+        task,
+        episodes=vehicles,
+        dataset=first(parts, vehicles, draws),
+        progress=progress,
+    )

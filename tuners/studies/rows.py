@@ -46,9 +46,9 @@ def row(name: str, off: Array, bound: Array, **about: Any) -> Row:
         pairs = np.stack([off[kept, k], bound[kept, k]], axis=1)
         result[quantity] = {
             "rms": float(rms(pairs[:, 0])),
-            "rms_interval": bootstrap_interval(pairs[:, 0], rms),
+            "rms_interval": list(bootstrap_interval(pairs[:, 0], rms)),
             "ratio": float(ratio_of_rms(pairs)),
-            "ratio_interval": bootstrap_interval(pairs, ratio_of_rms),
+            "ratio_interval": list(bootstrap_interval(pairs, ratio_of_rms)),
         }
     return result
 
