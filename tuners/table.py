@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tuners.evaluation import Evaluation
-from tuners.metrics import bootstrap_interval, rms_percent
+from tuners.metrics import bootstrap_interval, rms, rms_percent
 from yawrate_env.judge import Judge
 from yawrate_env.task import Task
 
@@ -45,14 +45,16 @@ def row(e: Evaluation, task: Task) -> Row:
     return result
 
 
-def bound_row(spread: Sequence[Sequence[float]] | Any, task: Task) -> Row:
-    """The Cramer-Rao bound as a row: root mean square over the vehicles of (B, 2) spreads."""
-    rms = np.sqrt((np.asarray(spread) ** 2).mean(axis=0))
+def bound_row(
+    spread: Sequence[Sequence[float]] | Any, task: Task, name: str = "Cramér–Rao bound"
+) -> Row:
+    """A bound as a row: root mean square over the vehicles of (B, 2) spreads."""
+    least = rms(np.asarray(spread))
     return {
-        "tuner": "Cramér–Rao bound",
+        "tuner": name,
         "episodes": len(spread),
-        "phase_margin": {"mean": task.target.phase_margin, "std": float(rms[0])},
-        "crossover": {"mean": task.target.crossover, "std": float(rms[1])},
+        "phase_margin": {"mean": task.target.phase_margin, "std": float(least[0])},
+        "crossover": {"mean": task.target.crossover, "std": float(least[1])},
     }
 
 
