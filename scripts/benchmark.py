@@ -1,13 +1,16 @@
-"""Measure how fast the batch environment serves episodes, beside its rivals.
+"""Measure the speed of every stage and tuner, beside rivals and the machine's limits.
 
-python scripts/benchmark.py --num-envs 256 --rounds 20
+python scripts/benchmark.py
+python scripts/benchmark.py --batch 256 --rounds 3 --largest 1e4 --training 0
+
+pysib and sippy_unipi take part where they are installed (the extra "benchmark").
 """
 
 import argparse
 import json
 from pathlib import Path
 
-from tuners import arguments, throughput
+from tuners import arguments, plots, speed, speed_page, stopwatch
 from tuners.progress import Bars
 from yawrate_env.files import write_text
 
@@ -16,16 +19,31 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--num-envs", type=arguments.whole, default=256, help="default 256")
-    parser.add_argument("--rounds", type=arguments.whole, default=20, help="default 20")
+    whole, seed = arguments.whole, arguments.seed
+    parser.add_argument("--batch", type=whole, default=1000, help="episodes at a time (1000)")
+    parser.add_argument("--rounds", type=whole, default=10, help="turns of each contender (10)")
+    parser.add_argument("--largest", type=whole, default=100_000, help="largest data set (1e5)")
+    parser.add_argument("--training", type=seed, default=1500, help="episodes, 0: none (1500)")
     parser.add_argument("--results", type=Path, default=Path("results"), help="folder for tables")
+    parser.add_argument("--figures", type=Path, default=Path("figures"), help="folder for pictures")
     args = parser.parse_args()
     with Bars() as bars:
-        result = throughput.measure(args.num_envs, args.rounds, bars)
-    args.results.mkdir(parents=True, exist_ok=True)
+        result = {
+            "machine": stopwatch.machine(),
+            "versions": stopwatch.versions(),
+            "batch": args.batch,
+            "rounds": args.rounds,
+            "stages": speed.stages(args.batch, args.rounds, bars),
+            "first": speed.first_calls(),
+            "growth": speed.growth_in_fresh_process(speed.decades(args.largest)),
+            "training": speed.trainings(args.training, bars) if args.training else {},
+        }
+    for folder in (args.results, args.figures):
+        folder.mkdir(parents=True, exist_ok=True)
     write_text(args.results / "benchmark.json", json.dumps(result, indent=1) + "\n")
-    write_text(args.results / "benchmark.md", throughput.to_markdown(result))
-    print(throughput.to_markdown(result))
+    write_text(args.results / "benchmark.md", speed_page.to_markdown(result))
+    plots.save(speed_page.picture(result), args.figures / "speed.png")
+    print(speed_page.to_markdown(result))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,9 @@
+import os
+import shutil
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -48,14 +51,62 @@ def test_kernel_compiles_afresh_where_there_is_no_place_for_a_cache(monkeypatch)
     assert compiled.kernel(triangular)(100) == 5050
 
 
-@pytest.mark.slow  # every kernel is compiled again: 15 s
-def test_the_environment_works_without_a_cache():
-    program = """
-from numba.core import caching
-caching.FunctionCache._impl_class._locator_classes = []
+EPISODE = """
 import gymnasium, yawrate_env
+from yawrate_env import compiled, loop, noise
 env = gymnasium.make("yawrate/PITuning-v0", N=500)
 env.reset(seed=0)
 assert -5 <= env.step(env.action_space.sample())[1] <= 0
+print(yawrate_env.__file__)
+print(sum(sum(k.stats.cache_misses.values()) for k in (loop._margins, noise.add_white_noise)))
 """
-    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def episode_of(installation, **environment):
+    """Run an episode with the package in a folder; where it was, and the kernels compiled."""
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
+    done = subprocess.run(
+        [sys.executable, "-c", EPISODE],
+        cwd=installation,
+        env=inherited | {"PYTHONPATH": str(installation)} | environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    where, compiled_afresh = done.stdout.split()
+    assert Path(where).is_relative_to(installation)
+    return int(compiled_afresh)
+
+
+@pytest.fixture
+def installation(tmp_path):
+    """The package copied as an installer would, without caches."""
+    source = Path(compiled.__file__).parent
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(source, tmp_path / source.name, ignore=ignored)
+    return tmp_path
+
+
+@pytest.mark.slow  # every kernel is compiled once: 10 s
+def test_an_installed_package_compiles_once(installation):
+    assert episode_of(installation) > 0
+    assert episode_of(installation) == 0
+
+
+@pytest.mark.slow  # every kernel is compiled again: 10 s
+def test_the_environment_works_without_a_cache(installation):
+    # Root may write to read-only folders, but nobody makes a folder where a file is.
+    (installation / "yawrate_env" / "__pycache__").touch()
+    nowhere = "/dev/null/nowhere"
+    assert episode_of(installation, HOME=nowhere, XDG_CACHE_HOME=nowhere) > 0
+    assert not list(installation.rglob("*.nb?"))
+
+
+@pytest.mark.parametrize("limit, found", [("1", 1), ("", None), ("0", None), ("4,2", None)])
+def test_workers_are_told_how_many_cores_they_have(limit, found, monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    processors = compiled.cores()
+    monkeypatch.setenv("OMP_NUM_THREADS", limit)
+    assert compiled.cores() == (found or processors)
+    monkeypatch.setenv("OMP_NUM_THREADS", str(processors + 1))
+    assert compiled.cores() == processors

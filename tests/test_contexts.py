@@ -22,7 +22,7 @@ def test_sets_share_no_episode_whatever_the_seeds():
         for seed in range(20)
         for row in context_set(name).draw(PRIOR, seed, 0, 20).key
     }
-    assert len(keys) == 3 * 20 * 20
+    assert len(keys) == len(CONTEXT_SETS) * 20 * 20
 
 
 @pytest.mark.parametrize("name", ["train", "test"])

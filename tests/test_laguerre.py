@@ -106,7 +106,7 @@ def test_gram_matrix_from_its_first_row(kind, N):
     }[kind]
     basis = Laguerre(8)
     phi = basis.regressors(u, TS)
-    gram, right = basis._normal_equations(u, u[::-1], TS, np.empty((0, N)))
+    gram, right = basis.normal_equations(u, u[::-1], TS, np.empty((0, N)))
     scale = np.trace(phi @ phi.transpose(0, 2, 1), axis1=1, axis2=2)[:, None, None]
     np.testing.assert_allclose(gram / scale, phi @ phi.transpose(0, 2, 1) / scale, atol=1e-14)
     np.testing.assert_allclose(right, (phi @ u[::-1, :, None])[..., 0], rtol=1e-9, atol=1e-9)

@@ -1,12 +1,5 @@
-"""How fast the batch environment serves episodes, beside what people would use instead.
+"""How fast the batch environment serves episodes, beside what people would use instead."""
 
-Contenders take turns in one process, several rounds, so that a busy moment of the
-machine hits all of them; what counts is the median of the ratios within a round.
-"""
-
-import os
-import platform
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -15,10 +8,9 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from tuners.stopwatch import Contender, Times, race
 from yawrate_env import ENV_ID
 from yawrate_env.compiled import cores
-
-Progress = Callable[[str, int, int], None]
 
 GAINS = (0.2, 0.2)
 
@@ -43,6 +35,18 @@ def noise_limit(num_envs: int, samples: int) -> Callable[[], int]:
     return fill
 
 
+def copy_limit(num_envs: int, samples: int) -> Callable[[], int]:
+    """NumPy copying the observation arrays."""
+    source = np.ones((num_envs, 2, samples), dtype=np.float32)
+    target = np.empty_like(source)
+
+    def copy() -> int:
+        np.copyto(target, source)
+        return num_envs
+
+    return copy
+
+
 def stepping(env: VectorEnv[Any, Any, Any]) -> Callable[[], int]:
     """One step of a vector environment that resets in the same step."""
     env.reset(seed=0)
@@ -55,19 +59,27 @@ def stepping(env: VectorEnv[Any, Any, Any]) -> Callable[[], int]:
     return step
 
 
-def measure(num_envs: int, rounds: int, progress: Progress | None = None) -> dict[str, Any]:
-    """Episodes a second of every contender, and the batch environment's ratios to them.
+def plain_loop(env: gymnasium.Env[Any, Any], episodes: int) -> Callable[[], int]:
+    """Reset and step of a scalar environment, again and again."""
+    env.reset(seed=0)
 
-    Returns
-    -------
-    dict
-        Machine, versions, and for each contender ``episodes_per_second`` (median of the
-        rounds) and ``ratio`` (batch environment over contender: median, least, most).
-    """
+    def play() -> int:
+        for _ in range(episodes):
+            env.step(np.array(GAINS))
+            env.reset()
+        return episodes
+
+    return play
+
+
+def measure(
+    num_envs: int, rounds: int, progress: Callable[[int, int], None] = lambda done, of: None
+) -> Times:
+    """Time an episode takes in the batch environment, in its rivals, and at two limits."""
     same = {"autoreset_mode": AutoresetMode.SAME_STEP}
     scalar = max(num_envs // 16, cores())
+    batch: Any = gymnasium.make_vec(ENV_ID, num_envs=num_envs)
     envs = {
-        "batch": gymnasium.make_vec(ENV_ID, num_envs=num_envs),
         "SyncVectorEnv": gymnasium.make_vec(
             ENV_ID, num_envs=scalar, vectorization_mode="sync", vector_kwargs=same
         ),
@@ -75,64 +87,13 @@ def measure(num_envs: int, rounds: int, progress: Progress | None = None) -> dic
             ENV_ID, num_envs=cores(), vectorization_mode="async", vector_kwargs=same
         ),
     }
-    samples = envs["batch"].unwrapped.task.experiment.N  # type: ignore[attr-defined]
-    contenders = {name: stepping(env) for name, env in envs.items()}
-    contenders["NumPy noise in the same arrays"] = noise_limit(num_envs, samples)
-    rates: dict[str, list[float]] = {name: [] for name in contenders}
-    for turn in range(rounds + 1):
-        for name, work in contenders.items():
-            start = time.perf_counter()
-            episodes = work()
-            rate = episodes / (time.perf_counter() - start)
-            if turn:  # the first round warms up
-                rates[name].append(rate)
-        if progress is not None:
-            progress("benchmark", turn, rounds)
-    for env in envs.values():
+    samples = batch.unwrapped.task.experiment.N
+    contenders = {f"batch environment, {num_envs}": stepping(batch)}
+    contenders |= {name: stepping(env) for name, env in envs.items()}
+    contenders["plain loop over reset and step"] = plain_loop(gymnasium.make(ENV_ID), scalar)
+    contenders["limit: NumPy noise in the same arrays"] = noise_limit(num_envs, samples)
+    contenders["limit: copying the same arrays"] = copy_limit(num_envs, samples)
+    found = race({name: Contender(work) for name, work in contenders.items()}, rounds, progress)
+    for env in (batch, *envs.values()):
         env.close()
-    return {
-        "machine": f"{processor()}, {cores()} cores",
-        "versions": {"python": platform.python_version(), "numpy": np.__version__},
-        "num_envs": num_envs,
-        "rounds": rounds,
-        "contenders": {
-            name: {
-                "episodes_per_second": float(np.median(found)),
-                "ratio": _ratio(np.array(rates["batch"]) / np.array(found)),
-            }
-            for name, found in rates.items()
-        },
-    }
-
-
-def to_markdown(result: dict[str, Any]) -> str:
-    """The measurements as a table."""
-    lines = [
-        f"{result['machine']}, {result['num_envs']} environments, median of "
-        f"{result['rounds']} rounds.",
-        "",
-        "| contender | episodes a second | batch environment over it (least to most) |",
-        "|---|---|---|",
-    ]
-    for name, found in result["contenders"].items():
-        ratio = found["ratio"]
-        lines.append(
-            f"| {name} | {found['episodes_per_second']:.0f} "
-            f"| {ratio['median']:.2f} ({ratio['least']:.2f} to {ratio['most']:.2f}) |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def _ratio(values: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float]:
-    low, middle, high = np.quantile(values, [0, 0.5, 1])
-    return {"median": float(middle), "least": float(low), "most": float(high)}
-
-
-def processor() -> str:
-    """What kind of processor this machine has."""
-    if os.path.exists("/proc/cpuinfo"):
-        with open("/proc/cpuinfo") as file:
-            for line in file:
-                if line.startswith("model name"):
-                    return line.split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()
+    return found

@@ -29,8 +29,15 @@ def coefficients(
     """(n1, n0, d0) of the controller in the delta operator, each (B,)."""
     Ts = target.Ts
     if target.controller == "pi":
-        return kp * (1 + Ts / (2 * Ti)), kp / Ti, np.zeros_like(kp)
+        return *pi_coefficients(kp, Ti, Ts), np.zeros_like(kp)
     return kp * Ts / (Ts + 2 * Ti), 2 * kp / (Ts + 2 * Ti), 2 / (Ts + 2 * Ti)
+
+
+def pi_coefficients(
+    kp: NDArray[np.float64], Ti: NDArray[np.float64], Ts: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n1, n0) of the Tustin PI, which has d0 = 0."""
+    return kp * (1 + Ts / (2 * Ti)), kp / Ti
 
 
 def response(
@@ -48,10 +55,18 @@ def gains(
     log_magnitude: NDArray[np.float64], phase: NDArray[np.float64], target: Target
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(kp, Ti) with this response at the target crossover; phase between -pi/2 and 0 rad."""
-    tangent = -np.tan(phase)
     if target.controller == "pi":
-        return np.exp(log_magnitude) / np.hypot(1, tangent), 1 / (tangent * _warped(target))
+        return pi_gains(log_magnitude, phase, _warped(target))
+    tangent = -np.tan(phase)
     return np.exp(log_magnitude) * np.hypot(1, tangent), tangent / _warped(target)
+
+
+def pi_gains(
+    log_magnitude: NDArray[np.float64], phase: NDArray[np.float64], omega: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(kp, Ti) of ``kp (1 + 1/(Ti s))`` with this response at ``s = j omega`` [rad/s]."""
+    tangent = -np.tan(phase)
+    return np.exp(log_magnitude) / np.hypot(1, tangent), 1 / (tangent * omega)
 
 
 def _warped(target: Target) -> float:

@@ -72,11 +72,25 @@ def design_from_response(
     log_magnitude: NDArray[np.float64], phase: NDArray[np.float64], target: Target
 ) -> Design:
     """Gains from a required response at the crossover, (B,) each [log 1, rad]."""
-    status = np.select(
-        [phase <= -np.pi / 2, phase >= 0.0], [Status.UNREACHABLE, Status.PHASE_LIMITED], Status.OK
-    )
-    status = np.where(np.isfinite(phase) & np.isfinite(log_magnitude), status, Status.UNREACHABLE)
-    usable = np.where(status == Status.OK, phase, -LEAST_LAG)
+    status, usable = within_reach(phase, -np.pi / 2, 0.0)
+    status = np.where(np.isfinite(log_magnitude), status, Status.UNREACHABLE)
     kp, Ti = controller.gains(log_magnitude, usable, target)
     lost = status == Status.UNREACHABLE
     return Design(np.where(lost, np.nan, kp), np.where(lost, np.nan, Ti), status)
+
+
+def within_reach(
+    phase: NDArray[np.float64], low: float, high: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Status of phases (B,) that a controller must supply, and the phases to design for [rad].
+
+    Parameters
+    ----------
+    low, high : float
+        What the controller can supply, both ends excluded: -pi/2 and 0 for a PI.
+    """
+    status = np.select(
+        [phase <= low, phase >= high], [Status.UNREACHABLE, Status.PHASE_LIMITED], Status.OK
+    )
+    status = np.where(np.isfinite(phase), status, Status.UNREACHABLE)
+    return status, np.where(status == Status.OK, phase, high - LEAST_LAG)

@@ -10,8 +10,14 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[BufferedWriter]:
-    """Open a temporary file beside `path`, and put it in its place when all went well."""
+    """Open a temporary file beside `path`, and put it in its place when all went well.
+
+    What is there and is no regular file is refused: for a user with the right to it, the
+    replacement would take a device such as ``/dev/null`` away from the whole machine.
+    """
     target = Path(path)
+    if target.exists() and not target.is_file():
+        raise ValueError(f"{target} is no regular file. Give the path of a file to write.")
     handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
     try:
         with os.fdopen(handle, "wb") as file:

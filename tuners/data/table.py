@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.catalogue import TRAINING_EPISODES
+from tuners.catalogue import RECIPES
 from tuners.data import shards
 from tuners.data.folder import Folder
 from tuners.data.manifest import Configuration, Shard
@@ -110,7 +110,7 @@ def load_gains(
 
 def _columns(folder: str | os.PathLike[str] | None) -> tuple[Configuration, shards.Columns]:
     if folder is None:
-        episodes = TRAINING_EPISODES
+        episodes = RECIPES["ts-ff-lag"].vehicles
         train = CONTEXT_SETS["train"]
         recipe = Configuration(Task(), train, Laguerre(), 0, episodes, episodes, False)
         return recipe, shards.columns(recipe, Shard("", 0, episodes))

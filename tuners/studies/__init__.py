@@ -1,1 +1,1 @@
-"""Studies: what the results on accuracy are made from, one a module."""
+"""Studies behind `results/`: each module answers one question with a table and a picture."""

@@ -1,0 +1,106 @@
+"""The benchmark: rivals that answer the same, ratios instead of times, and its page."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from recordings import drawn, recorded
+
+from tuners import rivals, speed, speed_page
+from tuners.identification import identify
+from tuners.laguerre import Laguerre
+from tuners.stopwatch import Contender, race
+from tuners.tuner import nominal_context
+from yawrate_env.episode import plants
+from yawrate_env.simulation import simulate
+from yawrate_env.task import Prior, Task
+from yawrate_env.vehicle import Vehicle
+
+
+def test_contenders_take_turns_and_the_first_is_compared_with_all():
+    calls = []
+
+    def work(name, episodes):
+        return lambda: calls.append(name) or episodes
+
+    contenders = {"a": Contender(work("a", 1000)), "b": Contender(work("b", 1), rounds=1)}
+    found = race(contenders, 3, lambda done, of: None)
+    assert "".join(calls) == "abab" + "aa"  # a round to warm up, then one of three with b
+    assert [f["rounds"] for f in found.values()] == [3, 1]
+    assert found["a"]["ratio"] == {"median": 1.0, "least": 1.0, "most": 1.0}
+    assert found["b"]["ratio"]["median"] > 10  # for a thousandth of the episodes
+
+
+def test_rivals_simulate_the_same_vehicle():
+    u = recorded(1).u
+    ours = simulate(plants(Vehicle(), drawn(1).context, 0.001), u)[0]
+    found = {
+        name: work() for name, work in rivals.simulations(Task(), drawn(1).context, u[0]).items()
+    }
+    assert len(found) == 3
+    for y in found.values():
+        np.testing.assert_allclose(y, ours, rtol=0, atol=1e-9 * np.abs(ours).max())
+
+
+def test_rivals_fit_the_same_models():
+    recording = recorded(1)
+    ours, _ = Laguerre(8)(recording.u, recording.y, recording.Ts)
+    np.testing.assert_allclose(rivals.laguerre(Laguerre(8), recording)(), ours[0], rtol=1e-9)
+
+
+@pytest.mark.slow  # python-control simulates twenty times
+def test_rivals_identify_the_same_vehicle():
+    recording, start = recorded(1), nominal_context(Prior())
+    ours = identify(Vehicle(), recording, start, start.v_x).context
+    found = rivals.gray_box(Task(), recording)()
+    np.testing.assert_allclose(found, [ours.mu_s[0], ours.M_delta[0]], rtol=1e-6)
+
+
+def test_simulation_leaves_python_control_behind():
+    found = race(speed.simulations(64), 2, lambda done, of: None)
+    # Thousands where nothing else runs.
+    assert found["python-control forced_response"]["ratio"]["least"] > 100
+    assert found["scipy sosfilt"]["ratio"]["median"] > 1
+
+
+def test_an_input_in_every_episode_costs_less_than_one_after_the_other():
+    found = race(speed.laguerre_fits(32), 2, lambda done, of: None)
+    assert found["scipy lfilter and numpy lstsq"]["ratio"]["median"] > 1
+
+
+def test_what_a_process_prints_is_read():
+    assert speed.in_fresh_process("print(1 + 1)") == "2\n"
+
+
+def result():
+    times = {"milliseconds": {"median": 2.0, "least": 1.0, "most": 3.0}}
+    times["ratio"] = {"median": 1.0, "least": 1.0, "most": 1.0}
+    row = {"size": 100, "count": 100, "seconds": 0.5, "megabytes": 200.0}
+    return {
+        "machine": "a processor",
+        "versions": {"numpy": "2"},
+        "batch": 64,
+        "rounds": 2,
+        "stages": {
+            "Environment": {"batch environment": times},
+            **{how: dict.fromkeys(speed.TUNERS, times) for how in speed.ANSWERS},
+        },
+        "first": {"import": {"cold": 1.0, "cached": 0.5}},
+        "growth": {"episodes": [row, row | {"size": 1000, "seconds": 5.0}], "samples": [row]},
+        "training": {"ts-ff": 3.0},
+    }
+
+
+def test_the_page_has_all_that_was_measured_and_says_what_was_not():
+    page = speed_page.to_markdown(result())
+    assert all(f"## {how}" in page for how in speed.ANSWERS)
+    assert page.count("| ts-ff-lag | 2 (1 to 3) | 1 (1 to 1) |") == 3
+    assert "| 1000 episodes | 100 | 5.00 | 50 | 200 |" in page
+    assert "| import | 1.00 | 0.50 |" in page and "| ts-ff | 3.0 |" in page
+    assert "Not installed" in page and "pysib" in page
+
+
+def test_the_picture_shows_every_tuner():
+    picture = speed_page.picture(result())
+    assert isinstance(picture, Figure)
+    labels = [text.get_text() for text in picture.axes[0].get_yticklabels()]
+    assert labels == list(speed.TUNERS)

@@ -1,0 +1,145 @@
+"""Predicted margins, intervals and the checks that decide on trust."""
+
+import numpy as np
+import pytest
+from recordings import recorded
+
+import tuners
+from tuners import faults
+from tuners.calibration import assessed, calibrate
+from tuners.start import black_box
+from tuners.trust import GAUSSIAN, Calibration, Limits, calibrated, fallback, prior_grid
+from tuners.tuner import nominal_context
+from tuners.twin import fit, moved, noise_level
+from yawrate_env.contexts import CONTEXT_SETS
+from yawrate_env.judge import Judge
+from yawrate_env.task import Prior, Target, Task
+from yawrate_env.vehicle import Context
+
+RECORDING = recorded(8)
+TASK = Task()
+
+
+def scaled_errors(task, recording, start):
+    model = black_box(recording, start)
+    twins = fit(task, nominal_context(task.prior), model, recording.y, recording.v_x)
+    true = recording.context
+    mass = (task.vehicle.M_0 + twins.context.M_delta) / (task.vehicle.M_0 + true.M_delta)
+    error = np.stack([np.log(twins.context.mu_s / true.mu_s), np.log(mass)], axis=1)
+    return np.einsum("bi,bij,bj->b", error, np.linalg.inv(twins.covariance), error)
+
+
+@pytest.mark.parametrize("start", ["rest", "unknown"])
+def test_the_fitted_vehicle_is_as_far_off_as_its_covariance_says(start):
+    distance = scaled_errors(TASK, recorded(100), start)
+    # Chi-square of two degrees of freedom: mean 2, standard deviation of the mean 0.2.
+    assert 1.4 < distance.mean() < 2.6
+
+
+def test_a_step_of_the_logarithms():
+    context = moved(TASK.vehicle, RECORDING.context, np.tile([0.1, -0.2], (8, 1)))
+    np.testing.assert_allclose(context.mu_s, RECORDING.context.mu_s * np.exp(0.1))
+    mass = TASK.vehicle.M_0 + RECORDING.context.M_delta
+    np.testing.assert_allclose(TASK.vehicle.M_0 + context.M_delta, mass * np.exp(-0.2))
+
+
+def test_noise_that_counts_is_noise_around_the_crossover():
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal((20, 10_000))
+    np.testing.assert_allclose(noise_level(white, 0.001), (white**2).mean(axis=1))
+    held = np.repeat(white[:, :1000], 10, axis=1)  # as if interpolated: ten times the power there
+    assert 6 < (noise_level(held, 0.001) / (held**2).mean(axis=1)).mean() < 14
+
+
+@pytest.mark.parametrize("name", ["ts-ff-lag", "ts-ff", "ts-gbm", "gb"])
+def test_what_is_predicted_is_what_happens(name):
+    tuner = tuners.load(name)
+    design, found = tuner.assess(RECORDING)
+    actual = Judge.of(TASK, RECORDING.context)(design.kp, design.Ti).margins
+    true = np.stack([actual.phase_margin, actual.crossover], axis=1)
+    assert (np.abs(found.margins - true) < 4 * found.spread).all()
+    assert found.trusted(Limits()).all()
+
+
+def test_one_answer_is_put_in_words():
+    result = tuners.load("nominal").tune(RECORDING.u[0], RECORDING.y[0], 0.001)
+    assert not result.trusted and not all(check.passed for check in result.checks)
+    assert any("miss the wanted" in reason for reason in result.reasons)
+    assert result.phase_margin.low < result.phase_margin.value < result.phase_margin.high
+    assert result.fit.from_rest and 28 < result.fit.snr_db < 32
+    np.testing.assert_allclose(result.fit.measured, RECORDING.y[0], atol=1e-12)
+
+
+def test_an_answer_from_mid_drive_at_100_hz():
+    u, y = RECORDING.u[0, 2500::10], RECORDING.y[3, 2500::10] + 0.01
+    result = tuners.load("ts-ff-lag").tune(u, y, 0.01)
+    margins = Judge.of(TASK, RECORDING.part(slice(3, 4)).context)(
+        np.array([result.kp]), np.array([result.Ti])
+    ).margins
+    assert result.trusted and not result.fit.from_rest
+    assert result.fit.offset == pytest.approx(0.01, abs=1e-3)
+    assert abs(margins.phase_margin[0] - 60) < 0.5 and abs(margins.crossover[0] - 1.5) < 0.02
+    assert any("Ts is 0.01 s" in note for note in result.notes)
+
+
+def test_conformal_factors_hold_for_any_error():
+    rng = np.random.default_rng(1)
+    spread = rng.uniform(1, 3, (4000, 2))
+    actual = spread * rng.standard_t(3, (4000, 2))
+    found = calibrated(np.zeros((2000, 2)), spread[:2000], actual[:2000], seed=5)
+    inside = np.abs(actual[2000:]) <= spread[2000:] * [found.phase_margin, found.crossover]
+    # Standard error of the share: 0.7 % from each half.
+    np.testing.assert_allclose(inside.mean(axis=0), 0.9, atol=0.03)
+    assert found.episodes == 2000 and found.seed == 5
+
+
+def test_calibration_of_the_gray_box_is_nearly_that_of_a_normal_error():
+    tuner = tuners.load("gb")
+    assert tuner.calibration == Calibration()
+    calibrate(tuner, episodes=300)
+    factors = [tuner.calibration.phase_margin, tuner.calibration.crossover]
+    np.testing.assert_allclose(factors, GAUSSIAN, rtol=0.15)
+
+
+def test_a_calibration_survives_saving(tmp_path):
+    tuner = tuners.load("ts-ff-lag")
+    tuner.calibration = Calibration(1.5, 1.75, 3000, 4)
+    tuner.save(tmp_path / "own.tuner")
+    assert tuners.load(tmp_path / "own.tuner").calibration == tuner.calibration
+
+
+@pytest.mark.parametrize("kind", list(faults.KINDS))
+def test_gains_that_miss_are_not_trusted(kind):
+    made = faults.KINDS[kind](TASK, np.random.default_rng(0), 8)
+    design, found = tuners.load("ts-ff-lag").assess(made.recording)
+    trusted = found.trusted(Limits())
+    for i, vehicle in enumerate(made.vehicle * (8 // len(made.vehicle))):
+        one = Context(*(getattr(made.context, n)[i : i + 1] for n in Context.__slots__))
+        verdict = Judge.of(Task(vehicle), one)(design.kp[i : i + 1], design.Ti[i : i + 1])
+        error = abs(verdict.margins.phase_margin[0] - 60), abs(verdict.margins.crossover[0] - 1.5)
+        hit = error[0] <= 3 and error[1] <= 0.15 and verdict.stable[0]
+        assert hit or not trusted[i]
+    assert made.real or not trusted.any()
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        TASK,
+        Task(prior=Prior(v_x=(10.0, 33.0))),
+        Task(target=Target(phase_margin=45.0, crossover=1.0, delay_samples=1)),
+    ],
+)
+def test_the_fallback_is_stable_for_the_whole_prior(task):
+    kp, Ti = fallback(task)
+    everyone = prior_grid(task.prior, 25)
+    verdict = Judge.of(task, everyone)(np.full(len(everyone), kp), np.full(len(everyone), Ti))
+    assert verdict.stable.all() and verdict.margins.modulus_margin.min() > 0.49
+
+
+def test_assessments_come_in_parts_that_do_not_matter():
+    tuner = tuners.load("ts-ff-lag")
+    parts = list(assessed(tuner, CONTEXT_SETS["test"], 130, 0))
+    assert [done for *_, done in parts] == [100, 130]
+    margins = np.concatenate([actual for _, actual, _ in parts])
+    assert margins.shape == (130, 2) and np.abs(margins - [60, 1.5]).max() < 0.06
