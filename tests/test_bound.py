@@ -140,6 +140,12 @@ def test_a_known_parameter_has_no_posterior():
         posterior_spread(Task(prior=Prior(mu_s=(0.5, 0.5))), drawn(1))
 
 
+def test_the_prior_must_be_the_vehicles_own():
+    beyond = CONTEXT_SETS["extrapolation"].draw(Prior(), 0, 0, 2)
+    with pytest.raises(ValueError, match="outside.*the prior that they were drawn from"):
+        posterior_spread(Task(), beyond)
+
+
 @pytest.mark.parametrize("correlation", [0.0, 0.9, -0.99, 0.9999])
 @pytest.mark.parametrize("mean", [(0.2, 0.2), (0.5, -3.0)])
 def test_truncated_gaussians_against_rejection(correlation, mean):

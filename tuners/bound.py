@@ -60,6 +60,11 @@ def posterior_spread(task: Task, draw: Draw) -> Array:
             "A known parameter has no posterior; widen its range."
         )
     truth = np.stack([draw.context.mu_s, draw.context.M_delta], axis=1)
+    if ((truth < box[:, 0]) | (truth > box[:, 1])).any():
+        raise ValueError(
+            f"Some vehicles lie outside mu_s = {prior.mu_s} and M_delta = {prior.M_delta}, which "
+            "the posterior rules out. Give the task the prior that they were drawn from."
+        )
     by_log = np.stack([draw.context.mu_s, total_mass(task.vehicle, draw.context)], axis=1)
     root = by_log[:, :, None] * np.linalg.cholesky(inverse(information(task, draw)))
     nodes, weights = hermegauss(_ESTIMATES)
