@@ -7,7 +7,7 @@ decorrelated: combinations that say little about the vehicle, but much about the
 the others, come out as large as these.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from tuners import feedforward, gbm
 
 Array = NDArray[np.float64]
+Batches = Iterable[tuple[Array, Array]]
 Progress = Callable[[int, int], None]
 
-LEARNERS: dict[str, Any] = {"gbm": gbm.GBM, "feedforward": feedforward.FeedForward}
+_RESTS: dict[str, Any] = {"gbm": gbm.GBM, "feedforward": feedforward.FeedForward}
 
-_LEAST = 1e-8  # of the largest combination: smaller ones are constant, and left out
+_LEAST = 1e-12  # of the largest variance: combinations below it are constant, and left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,20 +50,27 @@ class TrendSettings:
         progress: Progress | None = None,
     ) -> "Trend":
         """Train on (m, n) features and (m, 2) targets."""
-        mean, scale = X.mean(axis=0), X.std(axis=0)
-        standard = (X - mean) / np.where(scale > 0, scale, 1.0)
-        _, size, axes = np.linalg.svd(standard, full_matrices=False)
-        kept = size > _LEAST * size[0]
-        rotation = (axes[kept] / size[kept, None]).T * np.sqrt(len(X))
-        matrix = rotation / np.where(scale > 0, scale, 1.0)[:, None]
-        inputs, checked = (X - mean) @ matrix, (X_val - mean) @ matrix
-        coefficients = np.linalg.lstsq(polynomial(inputs, self.degree), T, rcond=None)[0]
+        return self.fit_batches([(X, T)], [(X_val, T_val)], random_state, progress)
+
+    def fit_batches(
+        self,
+        training: Batches,
+        validation: Batches,
+        random_state: int,
+        progress: Progress | None = None,
+    ) -> "Trend":
+        """Train on data that come in parts, and again every time that they are iterated over."""
+        mean, matrix = _decorrelation(training)
+        normal: Array = np.zeros(())
+        right: Array = np.zeros(())
+        for X, T in training:
+            P = polynomial((X - mean) @ matrix, self.degree)
+            normal, right = normal + P.T @ P, right + P.T @ T
+        coefficients = np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0], dtype=np.float64)
         rests = (
-            t - polynomial(x, self.degree) @ coefficients
-            for x, t in ((inputs, T), (checked, T_val))
+            _Rest(data, mean, matrix, coefficients, self.degree) for data in (training, validation)
         )
-        rest, rest_checked = rests
-        learner = self.rest.fit(inputs, rest, checked, rest_checked, random_state, progress)
+        learner = self.rest.fit_batches(*rests, random_state, progress)
         return Trend(mean, matrix, coefficients, self.degree, learner)
 
 
@@ -95,7 +103,7 @@ class Trend:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Everything there is to save."""
-        kinds = {kind: name for name, kind in LEARNERS.items()}
+        kinds = {kind: name for name, kind in _RESTS.items()}
         name = kinds[type(self.rest)]
         return {
             "mean": self.mean,
@@ -116,7 +124,7 @@ class Trend:
             else:
                 own[key] = array
         degree = int(own.pop("degree"))
-        return cls(**own, degree=degree, rest=LEARNERS[name].from_arrays(rest))
+        return cls(**own, degree=degree, rest=_RESTS[name].from_arrays(rest))
 
 
 def polynomial(x: Array, degree: int) -> Array:
@@ -126,3 +134,37 @@ def polynomial(x: Array, degree: int) -> Array:
         i, j = np.triu_indices(x.shape[1])
         columns.append(x[:, i] * x[:, j])
     return np.concatenate(columns, axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rest:
+    """Decorrelated features, and what the trend leaves of the targets."""
+
+    batches: Batches
+    mean: Array
+    matrix: Array
+    coefficients: Array
+    degree: int
+
+    def __iter__(self) -> Iterator[tuple[Array, Array]]:
+        for X, T in self.batches:
+            inputs = (X - self.mean) @ self.matrix
+            yield inputs, T - polynomial(inputs, self.degree) @ self.coefficients
+
+
+def _decorrelation(batches: Batches) -> tuple[Array, Array]:
+    """Mean (n,) and a matrix (n, k) that makes features uncorrelated with variance one."""
+    count, total, squares = 0, np.zeros(()), np.zeros(())
+    shift: Array | None = None  # near the mean, so that the squares keep their digits
+    for X, _ in batches:
+        shift = X.mean(axis=0) if shift is None else shift
+        count, total = count + len(X), total + (X - shift).sum(axis=0)
+        squares = squares + (X - shift).T @ (X - shift)
+    assert shift is not None
+    offset = total / count
+    covariance = squares / count - np.outer(offset, offset)
+    scale = np.sqrt(covariance.diagonal())
+    scale = np.where(scale > 0, scale, 1.0)
+    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    kept = variances > _LEAST * variances.max()
+    return shift + offset, axes[:, kept] / np.sqrt(variances[kept]) / scale[:, None]

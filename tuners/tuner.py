@@ -16,6 +16,7 @@ from tuners.trust import Assessment, Calibration, assess, fallback, result
 from yawrate_env import validation
 from yawrate_env.design import Design, Status
 from yawrate_env.judge import Judge
+from yawrate_env.nonlinear import twin_from
 from yawrate_env.task import Prior, Task
 from yawrate_env.vehicle import Context, Vehicle
 
@@ -204,4 +205,5 @@ def task_from(settings: dict[str, Any]) -> Task:
         Prior(**{name: tuple(values) for name, values in saved["prior"].items()}),
         Experiment(**saved["experiment"]),
         Target(**saved["target"]),
+        twin=twin_from(saved.get("twin", {})),
     )
