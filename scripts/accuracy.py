@@ -33,13 +33,15 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("results"), help="folder for tables")
     parser.add_argument("--figures", type=Path, default=Path("figures"), help="folder for pictures")
     args = parser.parse_args()
+    if args.study == "budget" and args.vehicles and len(args.vehicles) != 2:
+        parser.error("--vehicles: budget takes two numbers, the usual one and as many as it takes")
     args.results.mkdir(parents=True, exist_ok=True)
     path = args.results / f"{args.study}.json"
     with Bars() as bars:
         if args.study == "budget":
             sizes = budget.Sizes(args.episodes or 1500, *(args.vehicles or ()))
             rows = budget.budget(sizes, progress=bars)
-            budget.write(rows, sizes, 0, args.results)
+            write_text(path, budget.to_json(rows, sizes))
             text = budget.to_markdown(rows)
         elif args.study == "learning":
             from tuners.studies import learning_plot

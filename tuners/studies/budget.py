@@ -14,7 +14,6 @@ Down a tuner's column something is lost at every step, and nothing else changes:
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +32,6 @@ from tuners.two_stage import Recipe
 from yawrate_env.batch import take
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.episode import Draw
-from yawrate_env.files import write_text
 from yawrate_env.task import Task
 
 Array = NDArray[np.float64]
@@ -152,9 +150,7 @@ def to_markdown(rows: Sequence[Row]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write(rows: Sequence[Row], sizes: Sizes, seed: int, results: Path) -> None:
-    """Write ``budget.json`` and ``budget.md``."""
+def to_json(rows: Sequence[Row], sizes: Sizes, seed: int = 0) -> str:
+    """Rows and the conditions they hold for."""
     conditions = {**asdict(sizes), "seed": seed, "context": "test"}
-    text = json.dumps({"conditions": conditions, "rows": list(rows)}, indent=1)
-    write_text(results / "budget.json", text + "\n")
-    write_text(results / "budget.md", to_markdown(rows))
+    return json.dumps({"conditions": conditions, "rows": list(rows)}, indent=1) + "\n"
