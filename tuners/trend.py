@@ -122,7 +122,7 @@ class Trend:
                 rest[inner] = array
             else:
                 own[key] = array
-        degree = int(own.pop("degree"))
+        degree = int(own.pop("degree").item())
         return cls(**own, degree=degree, rest=_RESTS[name].from_arrays(rest))
 
 

@@ -323,11 +323,8 @@ def calibrated(
 
 def prior_grid(prior: Prior, mu_s: int, M_delta: int, v_x: int) -> Context:
     """Vehicles on a grid of so many points over the prior, its ends included."""
-    points = {"mu_s": mu_s, "M_delta": M_delta, "v_x": v_x}
-    axes = [
-        np.linspace(*getattr(prior, name), count if np.ptp(getattr(prior, name)) else 1)
-        for name, count in points.items()
-    ]
+    ranges = ((prior.mu_s, mu_s), (prior.M_delta, M_delta), (prior.v_x, v_x))
+    axes = [np.linspace(low, high, count if low < high else 1) for (low, high), count in ranges]
     return Context.of(*(axis.ravel() for axis in np.meshgrid(*axes)))
 
 
