@@ -40,6 +40,8 @@ class Tuner(ABC):
     """
 
     kind: ClassVar[str]
+    any_experiment: bool = False
+    """Whether sampling time and length make no difference, so that no note is due."""
 
     def __init__(self, task: Task) -> None:
         self.task, self.calibration = task, Calibration()
@@ -182,9 +184,9 @@ class Tuner(ABC):
     def _differences(self, recording: Recording) -> tuple[str, ...]:
         experiment, prior = self.task.experiment, self.task.prior
         notes = []
-        if not np.isclose(recording.Ts, experiment.Ts):
+        if not self.any_experiment and not np.isclose(recording.Ts, experiment.Ts):
             notes.append(f"Ts is {recording.Ts:g} s, made for {experiment.Ts:g} s.")
-        if recording.y.shape[1] != experiment.N:
+        if not self.any_experiment and recording.y.shape[1] != experiment.N:
             notes.append(f"{recording.y.shape[1]} samples, made for {experiment.N}.")
         if recording.v_x is not None and not (
             prior.v_x[0] - 0.25 <= recording.v_x[0] <= prior.v_x[1] + 0.25
