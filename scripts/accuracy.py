@@ -17,9 +17,9 @@ from pathlib import Path
 
 import tuners
 from tuners import arguments
-from tuners.plots import save
 from tuners.progress import Bars
 from tuners.studies import accuracy_page, budget, learning, million, ratios, trusting
+from tuners.studies.plots import save
 from yawrate_env.files import write_text
 
 

@@ -9,8 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import tuners
-from tuners import arguments, policies, results_page, scoreboard
+from tuners import arguments, policies
 from tuners.progress import Bars
+from tuners.studies import results_page, scoreboard
 
 
 def main() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tuners.readme import END, START, updated
+from tuners.studies.readme import END, START, updated
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()

@@ -9,10 +9,10 @@ from recordings import ROOT
 from test_scripts import run
 
 import tuners
-from tuners import results_page, scoreboard
 from tuners.baselines import Nominal, Oracle
 from tuners.evaluation import Evaluation
-from tuners.scoreboard import PROTOCOL, Estimate
+from tuners.studies import results_page, scoreboard
+from tuners.studies.scoreboard import PROTOCOL, Estimate
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.judge import Judge
 from yawrate_env.reward import reward

@@ -7,7 +7,7 @@ import pytest
 
 from tuners.evaluation import Evaluation
 from tuners.metrics import bootstrap_interval
-from tuners.table import PAPER, bound_row, row, to_json, to_markdown
+from tuners.studies.table import PAPER, bound_row, row, to_json, to_markdown
 from yawrate_env.judge import Judge
 from yawrate_env.task import Task
 from yawrate_env.vehicle import Context

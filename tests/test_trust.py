@@ -5,9 +5,9 @@ import pytest
 from recordings import recorded
 
 import tuners
-from tuners import faults
 from tuners.calibration import assessed, calibrate
 from tuners.start import black_box
+from tuners.studies import faults
 from tuners.trust import GAUSSIAN, Calibration, Limits, calibrated, fallback, prior_grid
 from tuners.tuner import nominal_context
 from tuners.twin import fit, moved, noise_level

@@ -8,14 +8,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tuners import plots
 from tuners.armax import Armax, armax, simulated
 from tuners.bound import cramer_rao
 from tuners.catalogue import RECIPES, UNTRAINED, train
 from tuners.datasets import simulate_dataset
 from tuners.evaluation import Evaluation, evaluate, write_csv
 from tuners.recording import Recording
-from tuners.table import bound_row, row, to_json, to_markdown
+from tuners.studies import plots
+from tuners.studies.table import bound_row, row, to_json, to_markdown
 from tuners.tuner import Tuner
 from yawrate_env import closed_loop
 from yawrate_env.contexts import CONTEXT_SETS

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from tuners.catalogue import NAMES
-from tuners.scoreboard import PROTOCOL, Estimate, EvaluationProtocol, Row, to_json
+from tuners.studies.scoreboard import PROTOCOL, Estimate, EvaluationProtocol, Row, to_json
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.files import write_text
 from yawrate_env.task import Prior, Task
