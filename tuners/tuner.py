@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tuners import model_file
+from tuners.fallback import fallback
 from tuners.recording import Recording
 from tuners.result import TuningResult
 from tuners.start import black_box
-from tuners.trust import Assessment, Calibration, assess, fallback, result
+from tuners.trust import Assessment, Calibration, assess, result
 from yawrate_env import validation
 from yawrate_env.design import Design, Status
 from yawrate_env.judge import Judge
