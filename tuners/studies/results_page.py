@@ -90,6 +90,12 @@ quote a score, quote the protocol's version with it.
 _OTHERS = {
     "table3.md": "the paper's Table III beside ours, from tuners trained afresh",
     "rl.md": "reinforcement-learning agents, seed by seed, and the median over five seeds",
+    "accuracy.md": "how near to the Cramér–Rao bound, why not nearer, and when not to trust it",
+    "off_design.md": "every tuner under other noise, lengths, excitations and wrong vehicle data",
+    "schedule.md": "gains over speed, and the price of a wrong speed",
+    "nonlinear.md": "what a linear twin costs when the tyres saturate",
+    "benchmark.md": "computing times beside other libraries and the machine's limits",
+    "datasets.md": "time and memory of data sets up to a million episodes",
     "episodes.csv": "one row an episode and tuner behind `table3.md`",
 }
 
