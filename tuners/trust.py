@@ -293,6 +293,8 @@ def _twin_fit(found: Assessment) -> TwinFit:
     twins, recording = found.twins, found.model.recording
     simulated, residual = twins.simulated[0], twins.residual[0]
     free = found.model.free[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        snr_db = float(10 * np.log10(simulated.var() / np.mean(residual**2)))
     return TwinFit(
         context=take(twins.context, slice(0, 1)),
         command=recording.u[0],
@@ -302,7 +304,7 @@ def _twin_fit(found: Assessment) -> TwinFit:
         offset=float(found.model.offset[0]),
         initial=float(np.sqrt(np.mean((free - found.model.offset[0]) ** 2))),
         from_rest=not found.model.unknown[0],
-        snr_db=float(10 * np.log10(simulated.var() / np.mean(residual**2))),
+        snr_db=snr_db,
     )
 
 

@@ -31,7 +31,9 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 RANDOM = Recipe(
-    Laguerre(order=16, pole=15.0), FeedForwardSettings(neurons=16, max_fail=10), noise_draws=12
+    Laguerre(order=16, pole=12.0),
+    FeedForwardSettings(neurons=16, max_fail=10, epochs=400),
+    noise_draws=12,
 )
 """For random registers, where what a basis leaves out is noise too: more functions."""
 
