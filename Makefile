@@ -71,7 +71,7 @@ accuracy: $(STAMP) ## results/accuracy.md and its tables; about an hour
 	done
 	@echo "==> scripts/off_design.py"
 	@$(BIN)/python scripts/off_design.py
-	@$(BIN)/python scripts/accuracy.py page
+	@$(BIN)/python scripts/accuracy.py page --readme README.md
 
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"

@@ -18,7 +18,7 @@ from pathlib import Path
 import tuners
 from tuners import arguments
 from tuners.progress import Bars
-from tuners.studies import accuracy_page, budget, learning, million, ratios, trusting
+from tuners.studies import accuracy_page, budget, learning, million, ratios, readme, trusting
 from tuners.studies.plots import save
 from yawrate_env.files import write_text
 
@@ -92,12 +92,15 @@ def main() -> None:
     parser.add_argument("--seed", type=arguments.seed, default=1, help="trust: default 1")
     parser.add_argument("--results", type=Path, default=Path("results"), help="folder for tables")
     parser.add_argument("--figures", type=Path, default=Path("figures"), help="folder for pictures")
+    parser.add_argument("--readme", type=Path, help="page: file whose table is brought up to date")
     args = parser.parse_args()
     if args.study == "budget" and args.vehicles and len(args.vehicles) != 2:
         parser.error("--vehicles: budget takes two numbers, the usual one and as many as it takes")
     args.results.mkdir(parents=True, exist_ok=True)
     if args.study == "page":
         write_text(args.results / "accuracy.md", accuracy_page.page(args.results))
+        if args.readme:
+            readme.update(args.readme, args.results / "ratios.md")
         return
     path = args.results / f"{args.study}.json"
     with Bars() as bars:

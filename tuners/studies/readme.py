@@ -1,21 +1,22 @@
-"""Numbers in README.md: the table between two markers is the one in results/."""
+"""Tables in README.md: what stands between two markers is the table in results/."""
 
 from pathlib import Path
 
 from yawrate_env.files import write_text
 
-START, END = "<!-- table3:start -->", "<!-- table3:end -->"
 
-
-def updated(readme: str, table: str) -> str:
-    """The text with the table between the markers replaced; ``ValueError`` without markers."""
-    before, start, rest = readme.partition(START)
-    _, end, after = rest.partition(END)
+def updated(readme: str, name: str, table: str) -> str:
+    """The text with a table between its markers replaced; ``ValueError`` without markers."""
+    start_marker, end_marker = f"<!-- {name}:start -->", f"<!-- {name}:end -->"
+    before, start, rest = readme.partition(start_marker)
+    _, end, after = rest.partition(end_marker)
     if not start or not end:
-        raise ValueError(f"README.md lacks {START} or {END}. Put them around the table.")
-    return f"{before}{START}\n{table.strip()}\n{END}{after}"
+        raise ValueError(
+            f"README.md lacks {start_marker} or {end_marker}. Put them around the table."
+        )
+    return f"{before}{start_marker}\n{table.strip()}\n{end_marker}{after}"
 
 
 def update(readme: Path, table: Path) -> None:
-    """Put the table of one file into the other."""
-    write_text(readme, updated(readme.read_text(), table.read_text()))
+    """Put the table of one file into the other, between the markers of its name."""
+    write_text(readme, updated(readme.read_text(), table.stem, table.read_text()))
