@@ -90,7 +90,7 @@ def _line(r: Row, bound: Row | None) -> str:
     ratios = [
         r[name].get("rmse", r[name]["std"]) / bound[name]["std"]
         for name in ("phase_margin", "crossover")
-        if bound is not None
+        if bound is not None and bound[name]["std"] > 0
     ]
     cells.append(" / ".join(f"{ratio:.3g}" for ratio in ratios))
     return "| " + " | ".join(cells) + " |"
