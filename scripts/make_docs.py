@@ -1,8 +1,10 @@
-"""Write docs/environment.md from the environment's docstring, in the form of Gymnasium's pages.
+"""Write the pages in docs/ that come from the code.
 
-    python scripts/make_docs.py [--check] [--output docs/environment.md]
+    python scripts/make_docs.py [--check] [--folder docs]
 
-With --check nothing is written; the exit status is 1 if the file is out of date.
+environment.md is the environment's docstring, in the form of Gymnasium's pages; cli.md is
+what `yawrate --help` says of every command.  With --check nothing is written; the exit
+status is 1 if a page is out of date.
 """
 
 import argparse
@@ -10,8 +12,11 @@ import inspect
 from collections.abc import Sequence
 from pathlib import Path
 
+import click
 import gymnasium
 
+from tuners.cli import COMMANDS
+from tuners.cli import main as yawrate
 from yawrate_env import ENV_ID
 from yawrate_env.env import PITuningEnv
 
@@ -35,7 +40,25 @@ PAGE = """\
 """
 
 
-def page() -> str:
+CLI_PAGE = """\
+<!-- Written by scripts/make_docs.py from the help of the commands: edit that. -->
+
+# The `yawrate` command
+
+{introduction}
+
+| exit status | meaning |
+|---|---|
+| 0 | done; of `tune`: the gains are trusted |
+| 1 | a log, a model or a vehicle's file cannot be used; the reason is on stderr |
+| 2 | wrong usage |
+| 3 | of `tune`: the gains are not trusted; the reasons are in the output |
+
+{commands}
+"""
+
+
+def environment_page() -> str:
     summary, sections = inspect.cleandoc(PITuningEnv.__doc__ or "").split("\n\n", 1)
     env = gymnasium.make(ENV_ID)
     return PAGE.format(
@@ -55,20 +78,36 @@ def box(space: gymnasium.Space) -> str:
     return f"Box({low}, {high}, {space.shape}, {space.dtype})"
 
 
+def cli_page() -> str:
+    top = click.Context(yawrate, info_name="yawrate", terminal_width=88)
+    sections = []
+    for name in COMMANDS:
+        command = yawrate.get_command(top, name)
+        assert command is not None
+        context = click.Context(command, parent=top, info_name=name, terminal_width=88)
+        sections.append(f"## yawrate {name}\n\n```text\n{command.get_help(context)}\n```")
+    return CLI_PAGE.format(introduction=yawrate.help, commands="\n\n".join(sections))
+
+
+PAGES = {"environment.md": environment_page, "cli.md": cli_page}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="write nothing; 1 if out of date")
-    default = Path(__file__).parents[1] / "docs" / "environment.md"
-    parser.add_argument("--output", type=Path, default=default)
+    parser.add_argument("--folder", type=Path, default=Path(__file__).parents[1] / "docs")
     args = parser.parse_args(arguments)
-    text = page()
-    if args.check:
-        if args.output.exists() and args.output.read_text(encoding="utf-8") == text:
-            return 0
-        print(f"{args.output} is out of date: run scripts/make_docs.py")
+    stale = []
+    for name, page in PAGES.items():
+        path, text = args.folder / name, page()
+        if not (path.exists() and path.read_text(encoding="utf-8") == text):
+            stale.append(path)
+            if not args.check:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(text, encoding="utf-8")
+    if args.check and stale:
+        print(f"{', '.join(map(str, stale))} out of date: run scripts/make_docs.py")
         return 1
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(text, encoding="utf-8")
     return 0
 
 

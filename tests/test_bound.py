@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from recordings import drawn
 
-from tuners.bound import cramer_rao, margin_sensitivity
+from tuners.bound import (
+    cramer_rao,
+    information,
+    margin_sensitivity,
+    posterior_spread,
+    truncated_covariance,
+)
 from tuners.gray_box import GrayBox
 from tuners.recording import Recording
 from yawrate_env.batch import take
@@ -108,3 +114,81 @@ def test_other_targets_and_vehicles_are_taken_into_account():
     plain = cramer_rao(Task(), drawn(3))
     for task in (Task(target=Target(crossover=1.0)), Task(vehicle=Vehicle(J_z=3000.0))):
         assert (abs(cramer_rao(task, drawn(3)) / plain - 1) > 0.01).all()
+
+
+CORNERS = Context.of([0.7, 1.0995, 0.3002], [150.0, 299.8, 0.1], 20.0)
+
+
+def at(context):
+    """A draw of these vehicles."""
+    return Draw(context, *(getattr(drawn(len(context)), name) for name in ("start", "key")))
+
+
+def test_far_from_the_edges_the_prior_tells_nothing():
+    one = at(take(CORNERS, slice(0, 1)))
+    np.testing.assert_allclose(posterior_spread(Task(), one), cramer_rao(Task(), one), rtol=1e-9)
+
+
+def test_in_a_corner_the_prior_is_worth_much_and_never_harms():
+    ratio = posterior_spread(Task(), at(CORNERS)) / cramer_rao(Task(), at(CORNERS))
+    assert (ratio[1:] < 0.9).all()
+    assert (posterior_spread(Task(), drawn(200)) <= cramer_rao(Task(), drawn(200)) * 1.0001).all()
+
+
+def test_a_known_parameter_has_no_posterior():
+    with pytest.raises(ValueError, match=r"mu_s = \(0.5, 0.5\).*widen"):
+        posterior_spread(Task(prior=Prior(mu_s=(0.5, 0.5))), drawn(1))
+
+
+def test_the_prior_must_be_the_vehicles_own():
+    beyond = CONTEXT_SETS["extrapolation"].draw(Prior(), 0, 0, 2)
+    with pytest.raises(ValueError, match="outside.*the prior that they were drawn from"):
+        posterior_spread(Task(), beyond)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9, -0.99, 0.9999])
+@pytest.mark.parametrize("mean", [(0.2, 0.2), (0.5, -3.0)])
+def test_truncated_gaussians_against_rejection(correlation, mean):
+    root = np.linalg.cholesky([[0.09, 0.6 * correlation], [0.6 * correlation, 4.0]])
+    normal = np.random.default_rng(0).standard_normal((1_000_000, 2))
+    inside = np.asarray(mean) + normal @ root.T
+    inside = inside[((inside > 0) & (inside < 1)).all(axis=1)]
+    found = truncated_covariance(np.array([mean]), root[None], np.zeros(2), np.ones(2))[0]
+    whiten = np.linalg.inv(np.linalg.cholesky(np.cov(inside.T)))
+    # At least 18 000 are left: a standard error of 1 % for each entry at most.
+    np.testing.assert_allclose(whiten @ found @ whiten.T, np.eye(2), atol=0.04)
+
+
+def test_posterior_against_the_exact_one_of_simulated_recordings():
+    """No linearisation: Bayes' rule on a grid of vehicles, for recordings of three of them."""
+    task = Task(experiment=Experiment(Ts=0.01, N=200, snr_db=18.0))
+    draw, side, recordings = at(CORNERS), 70, 300
+    expected, unbiased = posterior_spread(task, draw), cramer_rao(task, draw)
+    deviation = np.sqrt(np.linalg.inv(information(task, draw)).diagonal(axis1=1, axis2=2))
+    u = excitation(task.experiment, draw.start)[0]
+    clean = simulate(plants(task.vehicle, draw.context, 0.01), u)
+    rng = np.random.default_rng(0)
+    for b, context in enumerate(take(draw.context, slice(b, b + 1)) for b in range(3)):
+        reach = 6 * deviation[b] * [context.mu_s[0], 1895 + context.M_delta[0]]
+        axes = []
+        for name, far in zip(("mu_s", "M_delta"), reach, strict=True):
+            low, high = getattr(task.prior, name)
+            middle = getattr(context, name)[0]
+            low, high = max(low, middle - far), min(high, middle + far)
+            axes.append(low + (high - low) * (np.arange(side) + 0.5) / side)
+        grid = Context.of(np.repeat(axes[0], side), np.tile(axes[1], side), 20.0)
+        candidates = simulate(plants(task.vehicle, grid, 0.01), u)
+        gains = Judge.of(task, grid).oracle()
+        same = take(context, np.zeros(len(grid), int))
+        found = Judge.of(task, same)(gains.kp, gains.Ti).margins
+        margins = np.stack([found.phase_margin, found.crossover], axis=1)
+
+        variance = (clean[b] ** 2).mean() * 10**-1.8
+        noisy = clean[b] + np.sqrt(variance) * rng.standard_normal((recordings, 200))
+        logarithm = (noisy @ candidates.T - (candidates**2).sum(axis=1) / 2) / variance
+        weight = np.exp(logarithm - logarithm.max(axis=1, keepdims=True))
+        weight /= weight.sum(axis=1, keepdims=True)
+        risk = np.sqrt((weight @ margins**2 - (weight @ margins) ** 2).mean(axis=0))
+        # 300 recordings say it to 3 %; the bound without the prior is off by half in a corner.
+        np.testing.assert_allclose(expected[b], risk, rtol=0.06)
+        assert b == 0 or (unbiased[b] > 1.4 * risk).all()

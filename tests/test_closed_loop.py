@@ -59,6 +59,19 @@ def python_control_response(loops, b, kp, Ti, reference):
     return y.y[0], u.y[0]
 
 
+def test_disturbances_respond_as_in_python_control(loops):
+    delay, Ts = loops.target.delay_samples, loops.target.Ts
+    gains = design(loops.transfer_function, loops.target)
+    d = np.random.default_rng(4).standard_normal(150)
+    y, _ = time_response(loops.plant, gains.kp, gains.Ti, loops.target, 0 * d, d)
+    lag = control.ss(control.tf([1], [1] + [0] * delay, Ts))
+    for b in np.flatnonzero(np.isfinite(gains.kp))[:10]:
+        C = control_controller(gains.kp[b], gains.Ti[b], loops.target) * lag
+        expected = control.forced_response(control.feedback(control_plants()[b], C), inputs=d)
+        scale = np.abs(expected.outputs).max()
+        np.testing.assert_allclose(y[b], expected.outputs, rtol=0, atol=1e-9 * scale)
+
+
 def test_stable_pi_loops_track_a_step_without_error():
     loops = random_loops("pi", 0)
     gains = design(loops.transfer_function, loops.target)

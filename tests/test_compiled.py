@@ -100,3 +100,13 @@ def test_the_environment_works_without_a_cache(installation):
     nowhere = "/dev/null/nowhere"
     assert episode_of(installation, HOME=nowhere, XDG_CACHE_HOME=nowhere) > 0
     assert not list(installation.rglob("*.nb?"))
+
+
+@pytest.mark.parametrize("limit, found", [("1", 1), ("", None), ("0", None), ("4,2", None)])
+def test_workers_are_told_how_many_cores_they_have(limit, found, monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    processors = compiled.cores()
+    monkeypatch.setenv("OMP_NUM_THREADS", limit)
+    assert compiled.cores() == (found or processors)
+    monkeypatch.setenv("OMP_NUM_THREADS", str(processors + 1))
+    assert compiled.cores() == processors

@@ -12,12 +12,13 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 import numpy as np
+import psutil
 import pyarrow.parquet as pq
 import pytest
 
 from tuners.armax import Armax
 from tuners.data import DatasetError, generate, shards, verify, workers
-from tuners.data.manifest import Configuration, Manifest, Shard
+from tuners.data.manifest import Configuration, Manifest, Shard, shard_size
 from tuners.datasets import simulate_dataset
 from tuners.laguerre import Laguerre
 from yawrate_env import files
@@ -112,7 +113,8 @@ def test_what_is_finished_is_not_made_again(partial, undisturbed, monkeypatch):
     )
     made(partial, progress=lambda *call: shown.append(call))
     assert calls == [200, 250]
-    assert shown == [("simulating", done, 300) for done in (200, 250, 300)]
+    assert shown[:4] == [("verifying", done, 4) for done in (1, 2, 3, 4)]
+    assert shown[4:] == [("simulating", done, 300) for done in (200, 250, 300)]
     assert contents(partial) == undisturbed
     made(partial)
     assert calls == [200, 250]
@@ -191,6 +193,19 @@ def test_a_context_set_of_its_own_prior_is_remembered(tmp_path):
     folder = generate(TASK, beyond, STAGE, 20, 0, tmp_path / "data")
     assert folder.recipe.contexts == beyond
     assert verify(folder.path, sample=3).read().context.M_delta.min() > 300
+
+
+@pytest.mark.parametrize(
+    "episodes, raw, size", [(1e6, False, 4096), (1e6, True, 512), (1e8, False, 97_657)]
+)
+def test_shards_by_default(episodes, raw, size):
+    assert shard_size(int(episodes), raw) == size
+    assert raw or size * 1024 >= episodes
+
+
+def test_whole_numbers_may_be_written_as_floats(tmp_path):
+    assert len(generate(TASK, TRAIN, STAGE, 2e1, 3.0, tmp_path / "data")) == 20
+    assert '"episodes": 20,' in (tmp_path / "data" / "_manifest.json").read_text()
 
 
 # What can go wrong.  Every refusal says why, and leaves every file as it was.
@@ -360,7 +375,7 @@ def test_results_do_not_pile_up(monkeypatch):
     @contextmanager
     def threads(count, scheduler):
         with ThreadPoolExecutor(count) as pool:
-            yield pool, count
+            yield pool, lambda: count
 
     monkeypatch.setattr(workers, "_executor", threads)
     started = []
@@ -414,6 +429,21 @@ def test_killed_ten_times_at_random(tmp_path, undisturbed):
     )
     finished = [int(count) for count in done.stdout.split()]
     assert len(finished) == 10 and finished[-1] > finished[0]  # some were killed half-way
+    made(tmp_path / "data")
+    assert contents(tmp_path / "data") == undisturbed
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_ends_the_run_and_loses_nothing(tmp_path, undisturbed):
+    def kill(what, done, of):
+        if done:
+            for process in psutil.Process().children():
+                if any("LokyProcess" in word for word in process.cmdline()):
+                    process.kill()
+
+    with pytest.raises(DatasetError, match="A worker died.*what is finished stays"):
+        made(tmp_path / "data", count=2, progress=kill)
+    assert 0 < len(Manifest.read(tmp_path / "data").shards) < 6
     made(tmp_path / "data")
     assert contents(tmp_path / "data") == undisturbed
 

@@ -120,6 +120,7 @@ def test_a_failure_leaves_nothing(root):
     [
         ({"episodes": 100_001}, "episodes = 100001 must be .*at most 100000.*generate"),
         ({"episodes": 0}, "episodes = 0"),
+        ({"behaviours": ()}, "number of behaviours = 0"),
         ({"behaviours": ("expert",)}, "behaviour = 'expert'"),
     ],
 )

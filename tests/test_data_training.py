@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from recordings import ROOT
 
 import tuners
 from tuners import data
@@ -87,6 +88,14 @@ def test_how_the_data_are_cut_does_not_matter(learner):
         parts = [(X[i:j], T[i:j]) for i, j in zip(ends[:-1], ends[1:], strict=True)]
         found = learner.fit_batches(parts, checked, 0)
         np.testing.assert_allclose(found(X), whole(X), rtol=1e-6, atol=1e-6)
+
+
+def test_the_documentations_example_runs(tmp_path, monkeypatch):
+    text = (ROOT / "docs" / "datasets.md").read_text()
+    program = text.split("```python\n")[1].split("```")[0]
+    monkeypatch.chdir(tmp_path)
+    exec(program.replace("1_000_000", "60").replace("sample=100", "sample=2"), {})
+    assert tuners.load("big.tuner").training["vehicles"] == 60
 
 
 def test_another_compressor_is_refused(folder):

@@ -14,10 +14,15 @@ from gymnasium.utils.env_checker import check_env
 import yawrate_env
 from yawrate_env.env import PITuningEnv
 from yawrate_env.judge import Judge
+from yawrate_env.nonlinear.env import PITuningNonlinearEnv
 from yawrate_env.task import Task
 from yawrate_env.vehicle import Context
 
-ID = "yawrate/PITuning-v0"
+ENVIRONMENTS = {
+    "yawrate/PITuning-v0": PITuningEnv,
+    "yawrate/PITuningNonlinear-v0": PITuningNonlinearEnv,
+}
+ID, Env = "yawrate/PITuning-v0", PITuningEnv
 ACTION = np.array([0.2, 0.3])
 INFO_KEYS = [
     *("kp", "Ti", "clipped", "phase_margin", "crossover", "gain_margin", "stable"),
@@ -25,9 +30,16 @@ INFO_KEYS = [
 ]
 
 
+@pytest.fixture(autouse=True, params=ENVIRONMENTS)
+def environment(request, monkeypatch):
+    """Run every test over every environment, as `ID` and `Env`."""
+    monkeypatch.setitem(globals(), "ID", request.param)
+    monkeypatch.setitem(globals(), "Env", ENVIRONMENTS[request.param])
+
+
 def short(**kwargs):
     """Half a second at 1 kHz, to save time."""
-    return PITuningEnv(**{"N": 500} | kwargs)
+    return Env(**{"N": 500} | kwargs)
 
 
 def episode(env, action=ACTION, **reset):
@@ -36,13 +48,13 @@ def episode(env, action=ACTION, **reset):
 
 
 def test_import_registers_the_environment_once():
-    assert yawrate_env.ENV_ID == ID and ID in gymnasium.registry
+    assert ID in (yawrate_env.ENV_ID, yawrate_env.NONLINEAR_ID) and ID in gymnasium.registry
     program = (
         "import importlib, gymnasium, yawrate_env; importlib.reload(yawrate_env); "
-        "gymnasium.make('yawrate/PITuning-v0')"
+        f"gymnasium.make({ID!r})"
     )
     subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)
-    program = "import gymnasium; gymnasium.make('yawrate_env:yawrate/PITuning-v0')"
+    program = "import gymnasium; gymnasium.make('yawrate_env:" + ID + "')"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
@@ -60,7 +72,7 @@ def test_gymnasiums_checker_minds_the_physical_action_units_only(kwargs):
 
 
 def test_spaces():
-    env = PITuningEnv()
+    env = Env()
     assert env.observation_space.shape == (2, 10_000)
     assert env.observation_space.dtype == np.float32
     assert env.action_space.low.tolist() == [0.001, 0.001]
@@ -199,13 +211,15 @@ def test_a_thousand_seeds_give_a_thousand_episodes_twice():
 def test_frozen_episode():
     # Not an independent reference but a promise: who changes these numbers changes the
     # environment's version (CONTRIBUTING.md). Yaw rates are float32, written to 8 decimals.
-    obs, (_, reward, _, _, info) = episode(PITuningEnv(), seed=0)
+    obs, (_, reward, _, _, info) = episode(Env(), seed=0)
     assert [info["mu_s"], info["M_delta"]] == pytest.approx(
         [0.8095693498571634, 80.9360141291611], rel=1e-12
     )
-    assert obs[1, [0, 1, 5000, 9999]] == pytest.approx(
-        [0.00293841, 0.00018343, 0.00092454, -0.03372409], abs=1e-8
-    )
+    yaw_rates = {
+        PITuningEnv: [0.00293841, 0.00018343, 0.00092454, -0.03372409],
+        PITuningNonlinearEnv: [0.00293028, 0.00018292, 0.00095414, -0.03351492],
+    }
+    assert obs[1, [0, 1, 5000, 9999]] == pytest.approx(yaw_rates[Env], abs=1e-8)
     assert reward == pytest.approx(-1.1299680511, rel=1e-8)
 
 
@@ -283,7 +297,7 @@ def test_bad_options_are_refused_and_leave_the_episode_open(options, message):
 )
 def test_bad_parameters_are_refused_by_the_constructor(kwargs, name, value):
     with pytest.raises(ValueError, match=rf"\b{name}\b.* (= )?{value}\b|\b{name} = {value}"):
-        PITuningEnv(**kwargs)
+        Env(**kwargs)
 
 
 def test_bad_parameters_are_refused_by_make():
@@ -349,10 +363,10 @@ def test_decimation_averages_blocks(decimate):
 
 def test_saturation_keeps_diverging_vehicles_in_the_space():
     # An oversteering vehicle beyond its critical speed leaves any sensor's range in 10 s.
-    env = PITuningEnv(vehicle={"C_r": 30e3}, v_x=33.0)
+    env = Env(vehicle={"C_r": 30e3}, v_x=33.0)
     obs, (_, reward, *_) = episode(env, seed=0)
     assert np.isfinite(obs).all() and env.observation_space.contains(obs)
-    assert np.abs(obs[1]).max() == 20
+    assert np.abs(obs[1]).max() == 20 or Env is PITuningNonlinearEnv  # its tyres saturate first
     assert np.isfinite(reward)
 
 
@@ -361,3 +375,24 @@ def test_close_may_be_called_twice():
     env.reset(seed=0)
     env.close()
     env.close()
+
+
+def test_the_nonlinear_vehicle_takes_its_parameters_as_plain_mappings():
+    kwargs = {"tyre": {"friction": 0.8}, "body": {"height": 0.4}, "limits": {"rate": 0.5}}
+    env = gymnasium.make("yawrate/PITuningNonlinear-v0", N=400, amplitude=0.1, **kwargs)
+    again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+    assert again.unwrapped.task == env.unwrapped.task
+    assert env.unwrapped.task.twin.tyre.friction == 0.8
+    obs, other = env.reset(seed=0)[0], PITuningNonlinearEnv(N=400, amplitude=0.1).reset(seed=0)[0]
+    assert np.abs(obs[1] - other[1]).max() > 1e-3
+    with pytest.raises(ValueError, match="tyre = {'grip': 1}: give any of shape, curvature"):
+        PITuningNonlinearEnv(tyre={"grip": 1})
+
+
+def test_large_commands_are_answered_differently_by_the_two_vehicles():
+    for amplitude, differ in ((1e-4, False), (0.07, True)):
+        one, other = (
+            kind(N=2000, amplitude=amplitude, snr_db=200.0, mu_s=0.4).reset(seed=0)[0][1]
+            for kind in (PITuningEnv, PITuningNonlinearEnv)
+        )
+        assert (np.abs(one - other).max() > 1e-2 * np.abs(one).max()) == differ

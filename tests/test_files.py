@@ -3,7 +3,7 @@ import stat
 
 import pytest
 
-from yawrate_env.files import replacing, write_text
+from yawrate_env.files import leftovers, replacing, write_text
 
 
 def test_a_file_is_replaced_whole(tmp_path):
@@ -39,3 +39,24 @@ def test_what_is_no_regular_file_is_left_alone(tmp_path):
         with pytest.raises(ValueError, match="no regular file"):
             write_text(path, "x")
     assert pipe.is_fifo() and list(tmp_path.iterdir()) == [pipe]
+
+
+def test_the_folder_is_synchronised_after_the_file(tmp_path, monkeypatch):
+    synchronised, fsync = [], os.fsync
+
+    def note(handle):
+        synchronised.append((stat.S_ISDIR(os.fstat(handle).st_mode), os.listdir(tmp_path)))
+        fsync(handle)
+
+    monkeypatch.setattr(os, "fsync", note)
+    write_text(tmp_path / "t", "text")
+    (of_file, before), (of_folder, after) = synchronised
+    assert not of_file and before[0].startswith(".t.")
+    assert of_folder and after == ["t"]
+
+
+def test_leftovers_of_killed_processes_are_found(tmp_path):
+    for name in (".a.csv.x1y2z3", ".b.csv.x1y2z3", "a.csv", ".a.csv"):
+        (tmp_path / name).touch()
+    assert leftovers(tmp_path / "a.csv") == [tmp_path / ".a.csv.x1y2z3"]
+    assert len(leftovers(tmp_path / "*.csv")) == 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tuners.metrics import bootstrap_interval, rms_percent
+from tuners.metrics import bootstrap_interval, ratio_of_rms, rms, rms_percent
 
 
 def test_rms_percent_of_a_known_example():
@@ -47,3 +47,11 @@ def test_interval_depends_on_its_seed_alone():
 
 def test_interval_of_equal_values_is_a_point():
     assert bootstrap_interval(np.full(10, 3.0), np.mean) == (3.0, 3.0)
+
+
+def test_ratio_of_rms_is_that_of_the_two_columns():
+    pairs = np.random.default_rng(0).standard_normal((4, 50, 2))
+    expected = rms(pairs[2, :, 0]) / rms(pairs[2, :, 1])
+    assert ratio_of_rms(pairs, axis=1)[2] == pytest.approx(expected, rel=1e-12)
+    low, high = bootstrap_interval(pairs[2], ratio_of_rms)
+    assert low < expected < high

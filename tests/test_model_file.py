@@ -52,7 +52,7 @@ def test_the_same_content_gives_the_same_file(saved, tmp_path):
     assert (tmp_path / "two.tuner").read_bytes() == saved.read_bytes()
 
 
-FOREIGN = "is not a tuner file. Train one with scripts/train.py"
+FOREIGN = "is not a tuner file. Make one with `yawrate train`"
 DAMAGED = "is damaged: its checksum does not agree. Copy it again"
 UNREADABLE = "cannot be read: .*Train it again"
 
@@ -149,6 +149,19 @@ def test_settings_that_are_incomplete_are_refused(tmp_path, lost):
     write(tmp_path / "old.tuner", settings, arrays)
     with pytest.raises(ModelFileError, match=f"lacks or misnames '{lost}'.* Train it again"):
         tuners.load(tmp_path / "old.tuner")
+
+
+def test_a_kind_of_tuner_that_is_unknown_is_refused(tmp_path):
+    settings, arrays = read(shipped("ts-ff"))
+    write(tmp_path / "new.tuner", settings | {"kind": "transformer"}, arrays)
+    with pytest.raises(ModelFileError, match="'transformer'.* another version"):
+        tuners.load(tmp_path / "new.tuner")
+
+
+def test_how_a_tuner_was_trained_is_in_its_file():
+    for name in tuners.RECIPES:
+        training = read(shipped(name))[0]["training"]
+        assert {"name", "vehicles", "noise_draws", "seed", "context"} <= set(training)
 
 
 def test_settings_of_another_version_are_refused(tmp_path):

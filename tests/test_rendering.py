@@ -239,17 +239,19 @@ def test_vector_frames_are_those_of_the_scalar_environments() -> None:
     many.close()
 
 
-def test_documentation_is_in_step_with_the_docstring(tmp_path: Path) -> None:
+def test_documentation_is_in_step_with_the_code(tmp_path: Path) -> None:
     spec = importlib.util.spec_from_file_location("make_docs", ROOT / "scripts" / "make_docs.py")
     assert spec is not None and spec.loader is not None
     make_docs = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(make_docs)
     assert make_docs.main(["--check"]) == 0, "run scripts/make_docs.py"
-    copy = ["--output", str(tmp_path / "environment.md")]
+    copy = ["--folder", str(tmp_path)]
     assert make_docs.main([*copy, "--check"]) == 1  # missing
     assert make_docs.main(copy) == 0 and make_docs.main([*copy, "--check"]) == 0
-    (tmp_path / "environment.md").write_text("stale")
-    assert make_docs.main([*copy, "--check"]) == 1
+    for name in make_docs.PAGES:
+        (tmp_path / name).write_text("stale")
+        assert make_docs.main([*copy, "--check"]) == 1
+        assert make_docs.main(copy) == 0
 
 
 def test_picture_for_the_readme_is_small_and_moves() -> None:

@@ -41,7 +41,7 @@ def called(tmp_path, monkeypatch, capsys):
     return call
 
 
-@pytest.mark.parametrize("script", ["evaluate", "train", "reproduce_paper"])
+@pytest.mark.parametrize("script", ["evaluate", "train", "reproduce_paper", "accuracy"])
 def test_help_shows_an_example(script, called):
     status, out, _ = called(script, "--help")
     assert status == 0
@@ -188,3 +188,14 @@ def test_the_whole_paper_in_small(tmp_path):
     assert len(rows) == 60 * (len(names) - 1)
     # Its own tuners were trained, those of the package are what they were.
     assert models == {path: path.read_bytes() for path in (ROOT / "tuners" / "models").iterdir()}
+
+
+def test_accuracy_counts_episodes_and_goes_on(tmp_path):
+    for episodes in (20, 30):
+        done = run("accuracy", "million", "--episodes", episodes, "--results", tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert f"{episodes} episodes of the `test` set" in done.stdout
+        assert "Unstable loops: `ts-ff-lag` 0, `ts-ff` 0" in done.stdout
+    state = json.loads((tmp_path / "million.json").read_text())
+    assert sum(state["tuners"]["ts-ff"]["crossover"]["histogram"].values()) == 30
+    assert {p.name for p in tmp_path.iterdir()} == {"million.json", "million.md"}

@@ -58,7 +58,7 @@ def test_a_data_set_is_features_of_the_episodes_and_gains_of_the_rule(data):
 
 
 def test_chunks_and_sizes_do_not_matter(data):
-    more = simulate_dataset(Task(), TRAIN, 270, 0, Armax())  # 256 at a time
+    more = simulate_dataset(Task(), TRAIN, 270, 0, Armax())  # 128 at a time
     np.testing.assert_array_equal(more.features[:60], data.features)
     again = simulate_dataset(Task(), TRAIN, 14, 0, Armax())
     np.testing.assert_array_equal(more.features[:14], again.features)

@@ -132,7 +132,7 @@ def test_gains_that_miss_are_not_trusted(kind):
 )
 def test_the_fallback_is_stable_for_the_whole_prior(task):
     kp, Ti = fallback(task)
-    everyone = prior_grid(task.prior, 25)
+    everyone = prior_grid(task.prior, 25, 25, 25)
     verdict = Judge.of(task, everyone)(np.full(len(everyone), kp), np.full(len(everyone), Ti))
     assert verdict.stable.all() and verdict.margins.modulus_margin.min() > 0.49
 

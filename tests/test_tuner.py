@@ -101,7 +101,8 @@ def test_tuners_take_lists_and_leave_their_arguments_alone():
     before = u.copy(), y.copy()
     plain = tuners.load("ts-ff").tune(u, y, float(Ts))
     np.testing.assert_array_equal([u, y], before)
-    assert tuners.load("ts-ff").tune(u.tolist(), y.tolist(), float(Ts)) == plain
+    again = tuners.load("ts-ff").tune(u.tolist(), y.tolist(), float(Ts))
+    assert (again.kp, again.Ti, again.checks) == (plain.kp, plain.Ti, plain.checks)
 
 
 def test_the_policys_state_is_passed_through():
@@ -180,18 +181,9 @@ def test_another_sampling_time_works_with_a_note(name, kp, Ti):
         assert result.Ti == pytest.approx(truth.Ti[index], rel=Ti)
 
 
-def test_averaging_before_or_within_the_tuner_is_the_same():
-    u, y, _ = episode(0)
-    slow = [x.reshape(-1, 10).mean(axis=1) for x in (u, y)]
-    tuner = tuners.load("ts-ff")
-    fast, averaged = tuner.tune(u, y, 0.001), tuner.tune(*slow, 0.01)
-    assert averaged.kp == pytest.approx(fast.kp, rel=1e-9)
-    assert averaged.Ti == pytest.approx(fast.Ti, rel=1e-9)
-
-
 def test_a_sampling_time_that_cannot_work_is_refused():
-    with pytest.raises(ValueError, match="Ts = 0.003 s does not divide"):
-        tuners.load("ts-ff").tune(np.zeros(3000), np.zeros(3000), 0.003)
+    with pytest.raises(ValueError, match="Ts = 0.07 must be finite, at most 0.0666667. Slower"):
+        tuners.load("ts-ff").tune(np.zeros(300), np.zeros(300), 0.07)
 
 
 @pytest.mark.parametrize("name", ["ts-ff", "ts-gbm", "gb"])

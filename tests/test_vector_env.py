@@ -5,9 +5,14 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
 from yawrate_env.env import PITuningEnv
+from yawrate_env.nonlinear.env import PITuningNonlinearEnv, PITuningNonlinearVectorEnv
 from yawrate_env.vector_env import PITuningVectorEnv
 
-ID = "yawrate/PITuning-v0"
+ENVIRONMENTS = {
+    "yawrate/PITuning-v0": (PITuningEnv, PITuningVectorEnv),
+    "yawrate/PITuningNonlinear-v0": (PITuningNonlinearEnv, PITuningNonlinearVectorEnv),
+}
+ID, Env, VectorEnv = "yawrate/PITuning-v0", PITuningEnv, PITuningVectorEnv
 VARIANTS = {
     "default": {},
     "rich": {
@@ -16,9 +21,18 @@ VARIANTS = {
         "decimate": 4,
         "v_x": [10, 33],
         "delay_samples": 1,
+        "amplitude": 0.06,
     },
     "printed": {"controller": "printed", "mu_s": 0.6, "snr_db": 10.0},
 }
+
+
+@pytest.fixture(autouse=True, params=ENVIRONMENTS)
+def environment(request, monkeypatch):
+    """Run every test over every environment, as `ID`, `Env` and `VectorEnv`."""
+    scalar, vector = ENVIRONMENTS[request.param]
+    for name, value in {"ID": request.param, "Env": scalar, "VectorEnv": vector}.items():
+        monkeypatch.setitem(globals(), name, value)
 
 
 def native(count, **kwargs):
@@ -77,7 +91,7 @@ def test_native_batch_is_gymnasiums_loop_over_environments(name, count):
 def test_each_row_is_a_scalar_environment(name):
     batch, ones = (
         native(17, **VARIANTS[name]),
-        [PITuningEnv(**{"N": 500} | VARIANTS[name]) for _ in range(17)],
+        [Env(**{"N": 500} | VARIANTS[name]) for _ in range(17)],
     )
     obs, _ = batch.reset(seed=30)
     for i, one in enumerate(ones):
@@ -158,7 +172,7 @@ def test_generators_and_seeds_are_the_sub_environments():
     env.reset(seed=11)
     assert env.np_random_seed == (11, 12, 13)
     states = [generator.bit_generator.state for generator in env.np_random]
-    one = PITuningEnv(N=500)
+    one = Env(N=500)
     one.reset(seed=12)
     assert states[1] == one.np_random.bit_generator.state
 
@@ -250,9 +264,9 @@ def test_bad_parameters_are_refused(call, message):
 
 
 def test_a_thousand_environments_in_one_batch():
-    env = PITuningVectorEnv(1000, N=200)
+    env = VectorEnv(1000, N=200)
     obs, _ = env.reset(seed=0)
     assert obs.shape == (1000, 2, 200) and env.observation_space.contains(obs)
-    one = PITuningEnv(N=200)
+    one = Env(N=200)
     for i in (0, 511, 999):
         np.testing.assert_array_equal(obs[i], one.reset(seed=i)[0])

@@ -355,3 +355,17 @@ def test_a_step_in_phase_is_a_step_in_phase_margin():
     step = np.array([0.0, np.radians(5.0) / (env.map.high[1] - env.map.low[1]) * 2])
     env.reset(seed=0)
     assert env.step(oracle - step)[4]["phase_margin"] == pytest.approx(55, abs=1e-6)
+
+
+def test_the_nonlinear_environment_is_wrapped_alike():
+    name = "yawrate/PITuningNonlinear-v0"
+    kwargs = SHORT | {"amplitude": 0.07}
+    one = LoopAction(Compressed(gymnasium.make(name, **kwargs)))
+    many = LoopActionVector(CompressedVector(gymnasium.make_vec(name, num_envs=3, **kwargs)))
+    obs, _ = one.reset(seed=0)
+    assert one.observation_space.contains(obs)
+    np.testing.assert_array_equal(many.reset(seed=0)[0][0], obs)
+    action = np.zeros((3, 2), dtype=np.float32)
+    assert many.step(action)[1][0] == one.step(action[0])[1]
+    plain, _ = LoopAction(Compressed(gymnasium.make(PLAIN, **kwargs))).reset(seed=0)
+    assert np.abs(plain - obs).max() > 0.01  # features of another vehicle

@@ -17,6 +17,7 @@ from tuners.gray_box import GrayBox
 from tuners.laguerre import Laguerre
 from tuners.response import FrequencyResponse
 from tuners.rl import RLTuner
+from tuners.trend import TrendSettings
 from tuners.trust import Calibration
 from tuners.tuner import Tuner
 from tuners.two_stage import Recipe, TwoStage
@@ -36,7 +37,9 @@ RECIPES = {
     ),
     "ts-gbm-lag": Recipe(
         Laguerre(order=8, pole=12.0),
-        GBMSettings(n_estimators=3000, max_depth=6, max_leaves=0, learning_rate=0.05),
+        TrendSettings(
+            GBMSettings(n_estimators=300, max_depth=4, max_leaves=0, learning_rate=0.1), degree=2
+        ),
         noise_draws=12,
     ),
     "ts-ff-lag-vx": Recipe(

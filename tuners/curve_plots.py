@@ -71,10 +71,10 @@ def _panel(axes: Axes, scores: Sequence[Score], value: Callable[[Score], float])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
-    _name(axes, ends)
+    name_ends(axes, ends)
 
 
-def _name(axes: Axes, ends: dict[str, float]) -> None:
+def name_ends(axes: Axes, ends: dict[str, float]) -> None:
     """Write names beside the last values, moved apart where they would overlap."""
     low, high = np.log(axes.get_ylim())
     order = sorted(ends, key=lambda name: ends[name])

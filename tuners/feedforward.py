@@ -28,6 +28,7 @@ Progress = Callable[[int, int], None]
 
 _NUMBERS_FOR_THREADS = 50_000
 _LEAST_GRADIENT = 1e-7
+_ROWS = 1024
 _MU_MAX = 1e10
 
 
@@ -258,31 +259,41 @@ def _summed(
 def normal_equations(
     weights: "torch.Tensor", shape: tuple[int, int, int], x: "torch.Tensor", t: "torch.Tensor"
 ) -> "tuple[torch.Tensor, torch.Tensor, torch.Tensor]":
-    """Mean squared error, half its gradient, and its Gauss-Newton matrix J'J/(m o)."""
+    """Mean squared error, half its gradient, and its Gauss-Newton matrix J'J/(m o).
+
+    Every output has the same Jacobian ``Z = [slope x, slope, hidden, 1]``, but for the weights
+    that scale the columns of W1 and b1.  ``Z'Z`` and ``Z'e`` are therefore summed once, in
+    blocks that fit the cache, and scaled afterwards.
+    """
     import torch
 
     n, h, o = shape
     W1, b1, W2, b2 = _layers(weights, shape)
-    hidden = (x @ W1.T + b1).tanh()
-    error = hidden @ W2.T + b2 - t
-    slope = 1 - hidden**2
-    m, count = x.shape[0], x.shape[0] * o
+    first, width = h * n + h, h * n + 2 * h + 1
+    ZZ, Ze = weights.new_zeros(width, width), weights.new_zeros(width, o)
+    squares = weights.new_zeros(())
+    for inputs, targets in zip(torch.split(x, _ROWS), torch.split(t, _ROWS), strict=True):
+        hidden = (inputs @ W1.T + b1).tanh()
+        error = hidden @ W2.T + b2 - targets
+        slope = 1 - hidden**2
+        outer = (slope[:, :, None] * inputs[:, None, :]).reshape(-1, h * n)
+        Z = torch.cat([outer, slope, hidden, hidden.new_ones(len(hidden), 1)], dim=1)
+        ZZ.addmm_(Z.T, Z)
+        Ze.addmm_(Z.T, error)
+        squares += (error**2).sum()
+    unit = torch.cat([torch.arange(h).repeat_interleave(n), torch.arange(h)])
+    scale = W2[:, unit]  # (o, first)
     JJ = weights.new_zeros(len(weights), len(weights))
-    Je = weights.new_zeros(len(weights))
+    JJ[:first, :first] = scale.T @ scale * ZZ[:first, :first]
     for k in range(o):
-        through = slope * W2[k]
-        J = torch.cat([(through[:, :, None] * x[:, None, :]).reshape(m, h * n), through], dim=1)
-        J = torch.cat([J, hidden, J.new_ones(m, 1)], dim=1)
-        columns = torch.cat(
-            [
-                torch.arange(h * n + h),
-                h * n + h + k * h + torch.arange(h),
-                torch.tensor([h * n + h + o * h + k]),
-            ]
-        )
-        JJ[columns[:, None], columns] += J.T @ J / count
-        Je[columns] += J.T @ error[:, k] / count
-    return (error**2).mean(), Je, JJ
+        own = torch.cat([first + k * h + torch.arange(h), torch.tensor([first + o * h + k])])
+        JJ[:first, own] = scale[k, :, None] * ZZ[:first, first:]
+        JJ[own, :first] = JJ[:first, own].T
+        JJ[own[:, None], own] = ZZ[first:, first:]
+    to_first = (scale.T * Ze[:first]).sum(dim=1)
+    Je = torch.cat([to_first, Ze[first:-1].T.ravel(), Ze[-1]])
+    count = len(x) * o
+    return squares / count, Je / count, JJ / count
 
 
 def _train(

@@ -20,6 +20,7 @@ Batches = Iterable[tuple[Array, Array]]
 Progress = Callable[[int, int], None]
 
 _ROWS_FOR_THREADS = 64
+_ROWS_TO_TRAIN_WITH_THREADS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +46,10 @@ class GBMSettings:
         """Train on (m, n) features and (m, 2) targets; the validation part is not used."""
         import xgboost
 
-        # A few thousand rows: threads would wait for each other, and on a busy machine
+        # With a few thousand rows threads would wait for each other, and on a busy machine
         # for everybody else, a hundred times longer than they work.
-        return self._boosted(lambda t: xgboost.DMatrix(X, t), T, 1, random_state, progress)
+        threads = cores() if len(X) >= _ROWS_TO_TRAIN_WITH_THREADS else 1
+        return self._boosted(lambda t: xgboost.DMatrix(X, t), T, threads, random_state, progress)
 
     def fit_batches(
         self,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from tuners import armax as fitting
 from tuners.control_models import vehicle_model
-from tuners.gray_box import identify
+from tuners.identification import identify
 from tuners.pidtune import Info
 from tuners.pidtune import pidtune as tune
 from tuners.recording import Recording

@@ -15,10 +15,25 @@ def rms_percent(truth: Array, estimate: Array) -> float:
     return float(np.sqrt(np.mean((100 * (truth - estimate) / truth) ** 2)))
 
 
+def rms(values: Array, axis: int = 0) -> Array:
+    """Root mean square."""
+    return np.asarray(np.sqrt(np.mean(np.square(values), axis=axis)))
+
+
+def ratio_of_rms(pairs: Array, axis: int = 0) -> Array:
+    """Root mean square of the first over that of the second, for (..., B, 2) of both.
+
+    Of errors and their bounds on the same episodes: what is far from the bound everywhere
+    has a ratio that hardly depends on which vehicles were drawn.
+    """
+    found = rms(pairs, axis)
+    return np.asarray(found[..., 0] / found[..., 1])
+
+
 def bootstrap_interval(
     values: Array, statistic: Callable[..., Array], *, level: float = 0.95, seed: int = 0
 ) -> tuple[float, float]:
-    """Percentile bootstrap interval of a statistic of (B,) values (Efron, 1979).
+    """Percentile bootstrap interval of a statistic of (B, ...) values (Efron, 1979).
 
     Parameters
     ----------

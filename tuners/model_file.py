@@ -49,7 +49,7 @@ def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArra
         from safetensors.numpy import load
     except ImportError:
         raise ModelFileError(
-            f'{path} needs safetensors to be read: pip install "yawrate[tuners]".'
+            f'{path} needs safetensors to be read: pip install "yawrate[tune]".'
         ) from None
     try:
         content = Path(path).read_bytes()
@@ -58,7 +58,7 @@ def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArra
     header, _, body = content.partition(b"\n")
     words = header[:200].decode("ascii", "replace").split(" ")
     if len(words) != 3 or words[0] != FORMAT:
-        raise ModelFileError(f"{path} is not a tuner file. Train one with scripts/train.py.")
+        raise ModelFileError(f"{path} is not a tuner file. Make one with `yawrate train`.")
     if words[1] != str(VERSION):
         raise ModelFileError(
             f"{path} has format version {words[1]}; this program reads {VERSION}. Update it."

@@ -22,6 +22,7 @@ from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.episode import Draw, plants, record
 from yawrate_env.files import write_text
 from yawrate_env.judge import Judge
+from yawrate_env.manoeuvre import double_lane_change
 from yawrate_env.simulation import simulate
 from yawrate_env.task import Task
 from yawrate_env.vehicle import Context
@@ -149,18 +150,10 @@ def _tracking(task: Task, tuners: Mapping[str, Tuner]) -> Figure:
     drawn = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 1)
     u, y = record(task, Draw(context, drawn.start, drawn.key))
     recording = Recording(u, np.asarray(y), task.experiment.Ts, context.v_x, context)
-    time, reference = manoeuvre(task.target.Ts)
+    time, reference = double_lane_change(task.target.Ts)
     rates, commands = {}, {}
     for name, tuner in tuners.items():
         kp, Ti = tuner.act(recording).T
         rate, command = closed_loop.time_response(judge.plant, kp, Ti, task.target, reference)
         rates[name], commands[name] = rate[0], command[0]
     return plots.tracking(time, reference, rates, commands)
-
-
-def manoeuvre(Ts: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Yaw-rate reference of a double lane change with driver-like ramps: time [s], [rad/s]."""
-    time = np.arange(0.0, 10.0, Ts)
-    corners = [0.0, 1.0, 1.3, 2.7, 3.3, 4.7, 5.3, 6.7, 7.0, 10.0]
-    values = [0.0, 0.0, 5.0, 5.0, -5.0, -5.0, 5.0, 5.0, 0.0, 0.0]
-    return time, np.radians(np.interp(time, corners, values))

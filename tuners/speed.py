@@ -2,16 +2,16 @@
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tuners import catalogue, rivals, throughput
 from tuners.armax import armax
@@ -20,7 +20,7 @@ from tuners.identification import identify
 from tuners.laguerre import Laguerre
 from tuners.recording import Recording
 from tuners.stopwatch import Contender, Times, race
-from tuners.tuner import Tuner, nominal_context
+from tuners.tuner import nominal_context
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES
 from yawrate_env.contexts import CONTEXT_SETS
@@ -35,15 +35,22 @@ BASIS = Laguerre(order=8, pole=12.0)
 _SLOW = 3  # rounds of those that take seconds an episode
 ONE = slice(0, 1)
 
+ANSWERS = {
+    "Gains, one episode alone": "same",
+    "Gains, episodes with one input": "same",
+    "Gains, episodes with an input each": "random",
+}
+"""How tuners are asked, and the register of the episodes."""
+
 
 def stages(batch: int, rounds: int, progress: Progress) -> dict[str, Times]:
     """Time an episode takes in every stage, ours first, then alternatives and limits."""
-    contenders = {
+    contenders: dict[str, Callable[[int], dict[str, Contender]]] = {
         "Noise-free simulation": simulations,
         "ARMAX fit at 1 kHz": armax_fits,
         "Gray box": gray_boxes,
         "Laguerre fit": laguerre_fits,
-        "From raw arrays to gains": answers,
+        **{title: partial(answers, title) for title in ANSWERS},
     }
 
     def reported(title: str) -> Callable[[int, int], None]:
@@ -114,19 +121,12 @@ def laguerre_fits(batch: int) -> dict[str, Contender]:
     }
 
 
-def answers(batch: int) -> dict[str, Contender]:
-    """Gains by every tuner: one episode at a time, with one input, and with an input each."""
-    recordings = {
-        "one alone": recorded(batch, "same")[1].part(ONE),
-        f"{batch} with one input": recorded(batch, "same")[1],
-        f"{batch} with an input each": recorded(batch, "random")[1],
-    }
-    tuners: dict[str, Tuner] = {name: catalogue.load(name) for name in TUNERS}
-    return {
-        f"{name}, {how}": _of(len(part), _bound(tuner.act, part))
-        for name, tuner in tuners.items()
-        for how, part in recordings.items()
-    }
+def answers(how: str, batch: int) -> dict[str, Contender]:
+    """From raw arrays to gains by every tuner, in one of the ways of `ANSWERS`."""
+    _, recording = recorded(batch, ANSWERS[how])
+    part = recording.part(ONE) if how == next(iter(ANSWERS)) else recording
+    acts = {name: catalogue.load(name).act for name in TUNERS}
+    return {name: _of(len(part), partial(act, part)) for name, act in acts.items()}
 
 
 def recorded(batch: int, register: str) -> tuple[Draw, Recording]:
@@ -216,8 +216,13 @@ def _dataset(count: int, experiment: Experiment) -> dict[str, float]:
     start, task = time.perf_counter(), Task(experiment=experiment)
     simulate_dataset(task, CONTEXT_SETS["train"], count, 0, BASIS)
     seconds = time.perf_counter() - start
-    megabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return {"count": count, "seconds": seconds, "megabytes": megabytes}
+    return {"count": count, "seconds": seconds, "megabytes": _peak_megabytes()}
+
+
+def _peak_megabytes() -> float:
+    """Most memory resident so far; `getrusage` counts the parent before the start as well."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.split("VmHWM:")[1].split()[0]) / 1024
 
 
 def _of(episodes: int, work: Callable[[], Any]) -> Contender:
@@ -232,9 +237,3 @@ def _one_each(
     works: dict[str, Callable[[], Any]], rounds: int | None = None
 ) -> dict[str, Contender]:
     return {name: Contender(_of(1, work).work, rounds) for name, work in works.items()}
-
-
-def _bound(
-    act: Callable[[Recording], NDArray[np.float64]], part: Recording
-) -> Callable[[], NDArray[np.float64]]:
-    return lambda: act(part)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tuners.plots import INK, STYLE, WIDTH, colour
-from tuners.speed import TUNERS
+from tuners.speed import ANSWERS, TUNERS
 from tuners.stopwatch import PACKAGES
 
 MARKERS = ("o", "s", "^")
@@ -56,7 +56,7 @@ def picture(result: dict[str, Any]) -> Figure:
     with style.context(["default", STYLE]):
         figure = Figure(figsize=(WIDTH, 5.6))
         parts = figure.subplot_mosaic("AA;BC", height_ratios=[1.25, 1])
-        _answers(parts["A"], result["stages"]["From raw arrays to gains"])
+        _answers(parts["A"], {how: result["stages"][how] for how in ANSWERS})
         for axes, what in ((parts["B"], "episodes"), (parts["C"], "samples")):
             _growth(axes, what, result["growth"][what])
     return figure
@@ -64,20 +64,17 @@ def picture(result: dict[str, Any]) -> Figure:
 
 def _answers(axes: Axes, found: dict[str, Any]) -> None:
     """One row a tuner, one mark a way of asking."""
-    ways = list(dict.fromkeys(name.split(", ", 1)[1] for name in found))
-    for row, tuner in enumerate(TUNERS):
-        for way, marker in zip(ways, MARKERS, strict=True):
-            time = found[f"{tuner}, {way}"]["milliseconds"]
-            hue = colour(tuner)
+    for (how, times), marker in zip(found.items(), MARKERS, strict=True):
+        for row, tuner in enumerate(TUNERS):
+            time, hue = times[tuner]["milliseconds"], colour(tuner)
             axes.hlines(row, time["least"], time["most"], color=hue, lw=1.4)
             axes.plot([time["median"]], [row], color=hue, marker=marker, mec="white", ms=8)
-    for way, marker in zip(ways, MARKERS, strict=True):
-        axes.plot([], [], color=INK, marker=marker, ls="", label=way)
+        axes.plot([], [], color=INK, marker=marker, ls="", label=how.removeprefix("Gains, "))
     axes.set(xscale="log", ylim=(len(TUNERS) - 0.5, -0.5))
     axes.set_xlabel("time an episode, from raw arrays to gains [ms]")
     axes.set_yticks(range(len(TUNERS)), TUNERS)
     axes.grid(False, axis="y")
-    axes.legend(loc="best")
+    axes.legend(loc="lower left")
 
 
 def _growth(axes: Axes, what: str, rows: Sequence[dict[str, float]]) -> None:
@@ -101,4 +98,10 @@ def _table(columns: str) -> list[str]:
 
 
 def _spread(values: dict[str, float]) -> str:
-    return f"{values['median']:.3g} ({values['least']:.3g} to {values['most']:.3g})"
+    median, least, most = (_number(values[name]) for name in ("median", "least", "most"))
+    return f"{median} ({least} to {most})"
+
+
+def _number(value: float) -> str:
+    """Three significant digits, or whole."""
+    return f"{value:.0f}" if value >= 1000 else f"{value:.3g}"

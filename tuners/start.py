@@ -108,7 +108,8 @@ def black_box(recording: Recording, start: str) -> BlackBox:
     unknown = np.full(len(y), start == "unknown")
     if start == "auto":
         independent = (y.shape[1] - len(gram[0])) / recording.oversampled
-        statistic = (residual_rest / residual_moving - 1) * independent
+        with np.errstate(divide="ignore", invalid="ignore"):  # a yaw rate of zeros
+            statistic = (residual_rest / residual_moving - 1) * independent
         unknown = statistic > len(Z) + _SIGNIFICANT * np.sqrt(2 * len(Z))
     free = np.where(unknown[:, None], z @ Z, 0.0)
     return BlackBox(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tuners.evaluation import Evaluation
-from tuners.metrics import bootstrap_interval, rms_percent
+from tuners.metrics import bootstrap_interval, rms, rms_percent
 from yawrate_env.judge import Judge
 from yawrate_env.task import Task
 
@@ -45,14 +45,16 @@ def row(e: Evaluation, task: Task) -> Row:
     return result
 
 
-def bound_row(spread: Sequence[Sequence[float]] | Any, task: Task) -> Row:
-    """The Cramer-Rao bound as a row: root mean square over the vehicles of (B, 2) spreads."""
-    rms = np.sqrt((np.asarray(spread) ** 2).mean(axis=0))
+def bound_row(
+    spread: Sequence[Sequence[float]] | Any, task: Task, name: str = "Cramér–Rao bound"
+) -> Row:
+    """A bound as a row: root mean square over the vehicles of (B, 2) spreads."""
+    least = rms(np.asarray(spread))
     return {
-        "tuner": "Cramér–Rao bound",
+        "tuner": name,
         "episodes": len(spread),
-        "phase_margin": {"mean": task.target.phase_margin, "std": float(rms[0])},
-        "crossover": {"mean": task.target.crossover, "std": float(rms[1])},
+        "phase_margin": {"mean": task.target.phase_margin, "std": float(least[0])},
+        "crossover": {"mean": task.target.crossover, "std": float(least[1])},
     }
 
 
@@ -77,17 +79,17 @@ def _line(r: Row) -> str:
     cells = [f"`{r['tuner']}`" if "unstable" in r else f"*{r['tuner']}*"]
     for name, places in (("phase_margin", 3), ("crossover", 4)):
         m = r[name]
-        cells.append(f"{m['mean']:.{places}f} ± {_short(m['std'])}")
+        cells.append(f"{m['mean']:.{places}f} ± {short(m['std'])}")
         interval = m.get("std_interval")
-        cells.append("–".join(map(_short, interval)) if interval else "")
+        cells.append("–".join(map(short, interval)) if interval else "")
         cells.append("{:g} ± {:g}".format(*paper[name]) if paper else "")
     percent = r.get("rms_percent", {})
-    cells += [_short(percent[k]) if k in percent else "" for k in ("kp", "Ti")]
+    cells += [short(percent[k]) if k in percent else "" for k in ("kp", "Ti")]
     cells.append(str(r.get("unstable", "")))
     return "| " + " | ".join(cells) + " |"
 
 
-def _short(value: float) -> str:
+def short(value: float) -> str:
     """Three significant digits without an exponent."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"

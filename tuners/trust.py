@@ -38,6 +38,7 @@ GAUSSIAN = 1.6449
 """Half width of the interval of `LEVEL` in standard deviations, for a normal error."""
 
 _STEP = 1e-4
+_LOWER = np.array([1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1])  # gains for the fallback, relative
 _DOUBT = 3.0  # standard deviations that a finding must exceed to count
 
 
@@ -325,12 +326,10 @@ def conformal(predicted: Array, spread: Array, actual: Array, level: float = LEV
     return np.asarray(scores[int(np.ceil((len(scores) + 1) * level)) - 1])
 
 
-def prior_grid(prior: Prior, points: int) -> Context:
-    """Vehicles on a grid over the prior, its ends included."""
-    axes = [
-        np.linspace(*ends, points if ends[0] < ends[1] else 1)
-        for ends in (prior.mu_s, prior.M_delta, prior.v_x)
-    ]
+def prior_grid(prior: Prior, mu_s: int, M_delta: int, v_x: int) -> Context:
+    """Vehicles on a grid of so many points over the prior, its ends included."""
+    ranges = ((prior.mu_s, mu_s), (prior.M_delta, M_delta), (prior.v_x, v_x))
+    axes = [np.linspace(low, high, count if low < high else 1) for (low, high), count in ranges]
     return Context.of(*(axis.ravel() for axis in np.meshgrid(*axes)))
 
 
@@ -342,16 +341,14 @@ def fallback(task: Task) -> tuple[float, float]:
     kp, those that keep every vehicle's loop farther than 1/2 from -1 and whose slowest
     loop is the fastest; the safest of all where none does.
     """
-    vehicles = prior_grid(task.prior, 5)
-    design = Judge.of(task, vehicles).oracle()
+    vehicles = prior_grid(task.prior, 6, 3, 5)
+    design = Judge.of(task, prior_grid(task.prior, 4, 2, 3)).oracle()
     right = np.isfinite(design.kp)
-    lower = np.array([1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1])
-    kp = (design.kp[right, None] * lower).ravel()
-    Ti = np.repeat(design.Ti[right], len(lower))
+    kp = (design.kp[right, None] * _LOWER).ravel()
+    Ti = np.repeat(design.Ti[right], len(_LOWER))
     count, each = len(vehicles), len(kp)
-    everyone = np.repeat(np.arange(count), each)
-    judge = Judge.of(task, Context(*(getattr(vehicles, n)[everyone] for n in Context.__slots__)))
-    verdict = judge(np.tile(kp, count), np.tile(Ti, count))
+    everyone = take(vehicles, np.repeat(np.arange(count), each))
+    verdict = Judge.of(task, everyone)(np.tile(kp, count), np.tile(Ti, count))
     modulus = np.where(verdict.stable, verdict.margins.modulus_margin, 0.0)
     safety = modulus.reshape(count, each).min(axis=0)
     speed = np.nan_to_num(verdict.margins.crossover.reshape(count, each)).min(axis=0)

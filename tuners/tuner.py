@@ -13,12 +13,16 @@ from tuners.recording import Recording
 from tuners.result import TuningResult
 from tuners.start import black_box
 from tuners.trust import Assessment, Calibration, assess, fallback, result
-from yawrate_env.design import Design
+from yawrate_env import validation
+from yawrate_env.design import Design, Status
 from yawrate_env.judge import Judge
+from yawrate_env.nonlinear import twin_from
 from yawrate_env.task import Prior, Task
 from yawrate_env.vehicle import Context, Vehicle
 
 Array = NDArray[np.float64]
+
+_SLOWEST = 0.1  # sampling time, in periods of the crossover
 
 
 def nominal_context(prior: Prior) -> Context:
@@ -84,10 +88,17 @@ class Tuner(ABC):
         given = Recording.of(u, y, Ts, v_x)
         design, found = self.assess(given, start)
         notes = self._differences(given)
+        if design.status[0] == Status.UNREACHABLE:
+            notes += ("No gains found: these are the nominal vehicle's.",)
+        if not found.converged[0]:
+            notes += ("The fit did not converge: check the recording.",)
         return result(found, design, notes, self.calibration, fallback(self.task))
 
     def assess(self, recording: Recording, start: str = "auto") -> tuple[Design, Assessment]:
         """Gains for every episode as `tune` gives them, and what the recordings say of them."""
+        slowest = _SLOWEST / self.task.target.crossover
+        remedy = "Slower samples do not show what happens at the crossover: record faster."
+        validation.number("Ts", recording.Ts, at_most=slowest, remedy=remedy)
         recording = recording.resampled(self.task.experiment.Ts)
         speeds = self.speeds(recording)
         model = black_box(recording, start)
@@ -194,4 +205,5 @@ def task_from(settings: dict[str, Any]) -> Task:
         Prior(**{name: tuple(values) for name, values in saved["prior"].items()}),
         Experiment(**saved["experiment"]),
         Target(**saved["target"]),
+        twin=twin_from(saved.get("twin", {})),
     )

@@ -12,6 +12,7 @@ from tuners.compressors import FirstStage, compressor, conditioned, described
 from tuners.feedforward import FeedForward, FeedForwardSettings
 from tuners.gbm import GBM, GBMSettings
 from tuners.recording import Recording
+from tuners.trend import Trend, TrendSettings
 from tuners.tuner import Tuner, task_from
 from yawrate_env.design import Design
 from yawrate_env.task import Task
@@ -19,7 +20,7 @@ from yawrate_env.task import Task
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-LEARNERS: dict[str, Any] = {"gbm": GBM, "feedforward": FeedForward}
+LEARNERS: dict[str, Any] = {"gbm": GBM, "feedforward": FeedForward, "trend": Trend}
 
 
 class Learner(Protocol):
@@ -40,7 +41,7 @@ class Recipe:
     ----------
     compressor : Armax or Laguerre
         First stage.
-    learner : GBMSettings or FeedForwardSettings
+    learner : GBMSettings, FeedForwardSettings or TrendSettings
         Second stage.
     coordinates : {"loop", "gains"}
         What is predicted.
@@ -53,7 +54,7 @@ class Recipe:
     """
 
     compressor: FirstStage
-    learner: GBMSettings | FeedForwardSettings
+    learner: GBMSettings | FeedForwardSettings | TrendSettings
     coordinates: str = "loop"
     noise_draws: int = 1
     vehicles: int = 1500
@@ -83,7 +84,7 @@ class TwoStage(Tuner):
         self,
         task: Task,
         compressor: FirstStage,
-        learner: FeedForward | GBM,
+        learner: FeedForward | GBM | Trend,
         coordinates: str,
         training: dict[str, Any],
     ) -> None:

@@ -1,8 +1,9 @@
 """Tune a yaw-rate controller from one recorded episode: a Gymnasium environment.
 
-``import yawrate_env`` registers ``yawrate/PITuning-v0`` and, ready to train on,
-``yawrate/PITuningFeatures-v0``, whose wrappers are in `tuners`.  Modules are imported
-where they are used, so that the import itself stays light.
+``import yawrate_env`` registers ``yawrate/PITuning-v0``, the same on a nonlinear vehicle,
+``yawrate/PITuningNonlinear-v0``, and, ready to train on, ``yawrate/PITuningFeatures-v0``,
+whose wrappers are in `tuners`.  Modules are imported where they are used, so that the
+import itself stays light.
 """
 
 from gymnasium.envs.registration import register, registry
@@ -10,6 +11,7 @@ from gymnasium.envs.registration import register, registry
 __version__ = "0.1.0"
 
 ENV_ID = "yawrate/PITuning-v0"
+NONLINEAR_ID = "yawrate/PITuningNonlinear-v0"
 FEATURES_ID = "yawrate/PITuningFeatures-v0"
 
 if ENV_ID not in registry:
@@ -17,6 +19,13 @@ if ENV_ID not in registry:
         id=ENV_ID,
         entry_point="yawrate_env.env:PITuningEnv",
         vector_entry_point="yawrate_env.vector_env:PITuningVectorEnv",
+    )
+
+if NONLINEAR_ID not in registry:
+    register(
+        id=NONLINEAR_ID,
+        entry_point="yawrate_env.nonlinear.env:PITuningNonlinearEnv",
+        vector_entry_point="yawrate_env.nonlinear.env:PITuningNonlinearVectorEnv",
     )
 
 if FEATURES_ID not in registry:

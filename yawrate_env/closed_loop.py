@@ -82,13 +82,16 @@ def time_response(
     Ti: NDArray[np.float64],
     target: Target,
     reference: NDArray[np.float64],
+    disturbance: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Response from rest to a reference.
+    """Response from rest to a reference, and to a disturbance if there is one.
 
     Parameters
     ----------
     reference : (N,) float64
         Yaw-rate reference at the controller's sampling time [rad/s].
+    disturbance : (N,) float64, optional
+        Added to the steering command at the plant's input [rad].
 
     Returns
     -------
@@ -96,10 +99,13 @@ def time_response(
         Yaw rate [rad/s] and steering command [rad].
     """
     A, B, C_u, D_u = closed_loop(plant, kp, Ti, target)
+    n = plant.A.shape[1]
     x = np.zeros_like(B)
     y, u = (np.empty((len(B), len(reference))) for _ in range(2))
     for k, r in enumerate(reference):
-        y[:, k] = x[:, : plant.A.shape[1]] @ plant.C
+        y[:, k] = x[:, :n] @ plant.C
         u[:, k] = np.einsum("bi,bi->b", C_u, x) + D_u * r
         x = np.einsum("bij,bj->bi", A, x) + B * r
+        if disturbance is not None:
+            x[:, :n] += plant.B * disturbance[k]
     return y, u

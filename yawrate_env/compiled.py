@@ -42,6 +42,12 @@ def kernel(function: _Function) -> _Function:
         return njit(**options)(function)  # type: ignore[no-any-return]
 
 
+def inlined(function: _Function) -> _Function:
+    """Compile `function` into the kernels that call it; a call would end vectorisation."""
+    compiled: Any = njit(inline="always", error_model="numpy")(function)
+    return compiled  # type: ignore[no-any-return]
+
+
 def cores() -> int:
     """Processors that this process may use; joblib and Dask tell their workers by the variable."""
     limit = os.environ.get("OMP_NUM_THREADS", "")

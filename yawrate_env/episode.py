@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.compiled import LANES, over_blocks
-from yawrate_env.discretisation import DiscretePlant, ObserverForm, zoh
+from yawrate_env.discretisation import DiscretePlant, zoh
 from yawrate_env.excitation import RANDOM_ORDER, prbs
 from yawrate_env.noise import KEY_WORDS, add_white_noise
-from yawrate_env.simulation import simulate_into
 from yawrate_env.task import Experiment, Prior, Task
 from yawrate_env.vehicle import Context, Vehicle, state_space
 
@@ -101,14 +100,14 @@ def record(
         Yaw rate with white noise at the experiment's SNR [rad/s]; `out` if given.
     """
     experiment = task.experiment
-    form = ObserverForm.of(plants(task.vehicle, draw.context, experiment.Ts))
     u = excitation(experiment, draw.start)
+    simulate = task.twin.simulator(task.vehicle, draw.context, u, experiment.Ts)
     y = np.empty((len(draw), experiment.N)) if out is None else out
     noise_over_signal = 10 ** (-experiment.snr_db / 20)
 
     def work(i: int, j: int) -> None:
         clean = np.empty((j - i, experiment.N))
-        squares = simulate_into(clean, form, u, i, j)
+        squares = simulate(clean, i, j)
         sigma = noise_over_signal * np.sqrt(squares / experiment.N)
         add_white_noise(clean, sigma, draw.key[i:j], y[i:j])
 

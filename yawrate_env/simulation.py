@@ -1,10 +1,10 @@
 """Noise-free response of a batch of plants: ``x[k+1] = A x[k] + B u[k], y[k] = C x[k]``.
 
 The recursion runs in observer form, ``LANES`` plants side by side: three multiplications
-a state where full matrices need eight, and six times faster.  It agrees with them to
+a state where full matrices need eight, and five times faster.  It agrees with them to
 1e-13, and unlike modal coordinates, which need as few, it costs no eigendecomposition
 (as long as simulating an episode) and has nothing to break down where poles meet, a
-critically damped actuator's say.  Profiling puts it at a quarter of the cost of an
+critically damped actuator's say.  Profiling puts it at a fifth of the cost of an
 episode; the noise is most of the rest.
 """
 

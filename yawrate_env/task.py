@@ -1,4 +1,4 @@
-"""What is randomised, what is recorded, what the loop must do: three frozen records.
+"""What is randomised, what is recorded, what the loop must do: frozen records.
 
 The defaults are the paper's values, and our choices where the paper is silent: the
 speed, the excitation, and 1 kHz episodes for a controller that runs at 100 Hz.
@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from yawrate_env import validation
+from yawrate_env.twin import LinearTwin, Twin
 from yawrate_env.vehicle import LARGEST, Vehicle
 
 REGISTERS = ("same", "random")
@@ -129,12 +130,17 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A family of vehicles, how they are recorded, and what their loops must do."""
+    """A family of vehicles, how they are recorded, and what their loops must do.
+
+    The twin drives the recorded episodes; loops are judged on the linear vehicle, which is
+    every twin's linearisation about straight driving.
+    """
 
     vehicle: Vehicle = field(default_factory=Vehicle)
     prior: Prior = field(default_factory=Prior)
     experiment: Experiment = field(default_factory=Experiment)
     target: Target = field(default_factory=Target)
+    twin: Twin = field(default_factory=LinearTwin)
 
     def __post_init__(self) -> None:
         validation.number(

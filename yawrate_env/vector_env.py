@@ -1,7 +1,7 @@
 """The native batch environment behind ``gymnasium.make_vec("yawrate/PITuning-v0")``."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -26,6 +26,9 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
     `PITuningEnv`.
     """
 
+    scalar: ClassVar[type[PITuningEnv]] = PITuningEnv
+    """What a sub-environment is."""
+
     metadata: dict[str, Any] = {
         "autoreset_mode": AutoresetMode.SAME_STEP,
         "render_modes": ["rgb_array"],
@@ -36,7 +39,7 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
         self.num_envs = validation.count("num_envs", num_envs, at_least=1)
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}: a batch renders to 'rgb_array' only.")
-        one = PITuningEnv(**kwargs)
+        one = self.scalar(**kwargs)
         self.task, self.visible, self.decimate = one.task, one.visible, one.decimate
         self.single_observation_space = one.observation_space
         self.single_action_space = one.action_space

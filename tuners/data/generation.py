@@ -63,7 +63,7 @@ def generate(
     out : path
         A new folder, or one of the same configuration that is not finished.
     shard_size : int, optional
-        Episodes a file; 8192, or 512 with recordings.
+        Episodes a file; 4096, more from four million episodes on, or 512 with recordings.
     workers : int, optional
         Processes; all cores.
     scheduler : str, optional
@@ -80,13 +80,15 @@ def generate(
     DatasetError
         The folder cannot be written or resumed.  What was finished stays.
     """
-    shard_size = shard_size or (manifest.RAW_SHARD_SIZE if raw else manifest.SHARD_SIZE)
-    recipe = Configuration(task, contexts, compressor, seed, episodes, shard_size, raw)
     count = cores() if workers is None else validation.count("workers", workers)
+    episodes = validation.count("episodes", episodes)
+    if shard_size is None:
+        shard_size = manifest.shard_size(episodes, raw)
+    recipe = Configuration(task, contexts, compressor, seed, episodes, shard_size, raw)
     folder = Path(out)
     with _owned(folder):
         with _explained(folder):
-            found = _begun(folder, recipe, resume)
+            found = _begun(folder, recipe, resume, progress)
         listed = {shard.file for shard in found.shards}
         missing = [shard for shard in recipe.shards() if shard.file not in listed]
         done = episodes - sum(shard.rows for shard in missing)
@@ -102,7 +104,9 @@ def generate(
     return Folder(folder)
 
 
-def _begun(folder: Path, recipe: Configuration, resume: bool) -> Manifest:
+def _begun(
+    folder: Path, recipe: Configuration, resume: bool, progress: Progress | None
+) -> Manifest:
     """The manifest to go on from, of a folder in which nothing is half-written or damaged."""
     for name in (manifest.FILE, "shard-*.parquet"):
         for stale in leftovers(folder / name):
@@ -122,7 +126,7 @@ def _begun(folder: Path, recipe: Configuration, resume: bool) -> Manifest:
         raise DatasetError(
             f"{folder} holds another data set: {other}. Name a new folder, or use its settings."
         )
-    wrong = damage(folder, found)
+    wrong = damage(folder, found, progress)
     if wrong:
         raise DatasetError(f"{'; '.join(wrong)}. Delete what is damaged: it will be made again.")
     return replace(found, shards=tuple(s for s in found.shards if (folder / s.file).exists()))
@@ -140,9 +144,9 @@ def _with(found: Manifest, shard: Shard, content: bytes, folder: Path) -> Manife
 @contextmanager
 def _owned(folder: Path) -> Iterator[None]:
     """Make the folder and lock it; the lock ends with the process, however that ends."""
-    if folder.exists() and not folder.is_dir():
-        raise DatasetError(f"{folder} is a file. Name a folder.")
     with _explained(folder):
+        if folder.exists() and not folder.is_dir():
+            raise DatasetError(f"{folder} is a file. Name a folder.")
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
     try:

@@ -22,8 +22,8 @@ from yawrate_env.task import Prior, Task
 
 FORMAT = "yawrate-dataset 1"
 FILE = "_manifest.json"  # what begins so is no part of the table to Arrow, pandas and Spark
-SHARD_SIZE = 8192
-RAW_SHARD_SIZE = 512
+RAW_SHARD_SIZE, SHARD_SIZE, SHARDS = 512, 4096, 1024
+"""Episodes a file with and without recordings, and how many files there are at most."""
 
 LIBRARIES = ("numpy", "numba", "pyarrow")
 """What decides on a shard's last bits and bytes."""
@@ -72,9 +72,9 @@ class Configuration:
     raw: bool
 
     def __post_init__(self) -> None:
-        validation.count("seed", self.seed, at_least=0)
-        validation.count("episodes", self.episodes)
-        validation.count("shard_size", self.shard_size)
+        for name, least in (("seed", 0), ("episodes", 1), ("shard_size", 1)):
+            value = validation.count(name, getattr(self, name), at_least=least)
+            object.__setattr__(self, name, value)
 
     def shards(self) -> Iterator[Shard]:
         """All of them, in order."""
@@ -171,6 +171,11 @@ class Manifest:
                 f"{path} is damaged: its configuration and the hash of it disagree. Copy it again."
             )
         return cls(configuration, shards)
+
+
+def shard_size(episodes: int, raw: bool) -> int:
+    """A size that keeps shards in memory, and the manifest, replaced after each, short."""
+    return RAW_SHARD_SIZE if raw else max(SHARD_SIZE, -(-episodes // SHARDS))
 
 
 def differences(wanted: dict[str, Any], found: dict[str, Any], prefix: str = "") -> Iterator[str]:

@@ -138,6 +138,7 @@ def picture(result: dict[str, Any]) -> Any:
     """Draw time with its line, and memory with its limit, against episodes."""
     from matplotlib import style
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
 
     from tuners.plots import COLOURS, INK, STYLE, WIDTH
 
@@ -156,6 +157,7 @@ def picture(result: dict[str, Any]) -> Any:
             (0.05, 0.92), xycoords="axes fraction", color=INK, va="top",
         )  # fmt: skip
         left.set(xscale="log", yscale="log", xlabel="episodes", ylabel="time [s]")
+        left.yaxis.set_minor_formatter(NullFormatter())
         right.plot(n, peak, "o-", color=COLOURS["gb"])
         right.axhline(MEMORY_LIMIT, color=INK, lw=1, ls=(0, (5, 3)))
         right.annotate("limit", (n[0], MEMORY_LIMIT), (0, 4), textcoords="offset points", color=INK)

@@ -42,12 +42,13 @@ def train(
     """
     recipe = RECIPES[validation.one_of("tuner", name, tuple(RECIPES))]
     validation.count("seed", seed, at_least=0)
-    folder = verify(dataset, progress=progress)
+    folder = Folder(dataset)
     if folder.recipe.compressor != recipe.compressor:
         raise DatasetError(
             f"{dataset} has features of {folder.recipe.compressor}, {name} works on those of "
             f"{recipe.compressor}. Generate a data set with that compressor."
         )
+    verify(dataset, progress=progress)
     part = trains(len(folder), seed)
     training, checking = (Part(folder, p, recipe.coordinates) for p in (part, ~part))
     used = [sum(len(X) for X, _ in batches) for batches in (training, checking)]

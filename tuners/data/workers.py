@@ -8,7 +8,7 @@ what is slower to write than to make does not pile up in memory, as it would beh
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
 from itertools import islice
 from threading import Thread
@@ -17,6 +17,7 @@ from typing import TypeVar
 from tuners.data.manifest import DatasetError
 
 Job = TypeVar("Job")
+Size = Callable[[], int]
 
 LOCAL = "local"
 """In place of a scheduler's address: start a cluster on this machine."""
@@ -42,16 +43,19 @@ def results(
         return
     with _executor(min(workers, len(jobs)), scheduler) as (executor, size):
         waiting = iter(jobs)
-        running = {executor.submit(work, job): job for job in islice(waiting, 2 * size)}
-        while running:
+        running: dict[Future[bytes], Job] = {}
+        while True:
+            some = islice(waiting, max(2 * size() - len(running), 0))
+            running |= {executor.submit(work, job): job for job in some}
+            if not running:
+                return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 yield running.pop(future), future.result()
-                running |= {executor.submit(work, job): job for job in islice(waiting, 1)}
 
 
 @contextmanager
-def _executor(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, int]]:
-    """Whom to give jobs, and how many of them it does at a time."""
+def _executor(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, Size]]:
+    """Whom to give jobs, and how many of them it does at a time; a cluster may grow."""
     if scheduler is not None:
         with _cluster(workers, scheduler) as found:
             yield found
@@ -62,11 +66,11 @@ def _executor(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, i
         with ProcessPoolExecutor(
             workers, env=_ONE_THREAD, initializer=_end_with, initargs=(os.getpid(),)
         ) as pool:
-            yield pool, workers
-    except BrokenExecutor as error:
+            yield pool, lambda: workers
+    except BrokenExecutor:
         raise DatasetError(
-            f"A worker died, perhaps for want of memory ({error}). Choose fewer workers or "
-            "smaller shards; what is finished stays."
+            "A worker died, perhaps for want of memory. Choose fewer workers or smaller shards; "
+            "what is finished stays."
         ) from None
 
 
@@ -82,7 +86,7 @@ def _end_with(parent: int) -> None:
 
 
 @contextmanager
-def _cluster(workers: int, scheduler: str) -> Iterator[tuple[Executor, int]]:
+def _cluster(workers: int, scheduler: str) -> Iterator[tuple[Executor, Size]]:
     from distributed import Client, KilledWorker
 
     try:
@@ -98,7 +102,7 @@ def _cluster(workers: int, scheduler: str) -> Iterator[tuple[Executor, int]]:
         ) from None
     try:
         with client:
-            yield client.get_executor(pure=False), sum(client.nthreads().values())
+            yield client.get_executor(pure=False), lambda: max(sum(client.nthreads().values()), 1)
     except KilledWorker as error:
         raise DatasetError(
             f"One shard brought down several workers, perhaps for want of memory: {error}. "

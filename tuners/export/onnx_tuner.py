@@ -24,6 +24,7 @@ from tuners.export.trees import ensemble
 from tuners.feedforward import FeedForward
 from tuners.gbm import GBM
 from tuners.laguerre import Laguerre
+from tuners.trend import Trend
 from yawrate_env.design import LEAST_LAG, Status
 from yawrate_env.excitation import prbs
 from yawrate_env.task import Task
@@ -55,8 +56,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
     else:
         inputs = {"yaw_rate": ["episodes", task.experiment.N]}
         X = graph.apply("MatMul", "yaw_rate", graph.constant(compression(tuner).T))
-    stage = _network if isinstance(tuner.learner, FeedForward) else _trees
-    values = stage(graph, tuner.learner, X)
+    values = _learner(graph, tuner.learner, X)
     _decode(graph, values, task, tuner.coordinates)
     from onnx import TensorProto
 
@@ -75,7 +75,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
 def check(tuner: Any) -> Any:
     """The tuner, or ``ValueError`` where it cannot be exported."""
     stages = getattr(tuner, "compressor", None), getattr(tuner, "learner", None)
-    if not isinstance(stages[0], Laguerre) or not isinstance(stages[1], FeedForward | GBM):
+    if not isinstance(stages[0], Laguerre) or not isinstance(stages[1], FeedForward | GBM | Trend):
         kind = getattr(tuner, "kind", type(tuner).__name__)
         reason = "its first stage is an iterative fit" if stages[0] else "it is no two-stage tuner"
         raise ValueError(
@@ -91,7 +91,9 @@ def check(tuner: Any) -> Any:
     return tuner
 
 
-def _trained_features(learner: FeedForward | GBM) -> int:
+def _trained_features(learner: FeedForward | GBM | Trend) -> int:
+    if isinstance(learner, Trend):
+        return len(learner.mean)
     if isinstance(learner, FeedForward):
         return int(learner.W1.shape[1])
     return int(learner.models[0].num_features())
@@ -108,6 +110,32 @@ def compression(tuner: Any) -> Array:
     u = prbs(experiment.N, experiment.Ts, experiment.bit_time, experiment.amplitude)
     phi = tuner.compressor.regressors(u, experiment.Ts)[0]
     return np.asarray(np.linalg.solve(phi @ phi.T, phi))
+
+
+def _learner(graph: Graph, learner: FeedForward | GBM | Trend, X: str) -> str:
+    if isinstance(learner, Trend):
+        return _trend(graph, learner, X)
+    return (
+        _network(graph, learner, X)
+        if isinstance(learner, FeedForward)
+        else _trees(graph, learner, X)
+    )
+
+
+def _trend(graph: Graph, trend: Trend, X: str) -> str:
+    """Decorrelated features, their polynomial, and what the rest adds; (episodes, 2)."""
+    into, k = graph.constant, trend.matrix.shape[1]
+    centred = graph.apply("Sub", X, into(trend.mean))
+    inputs = graph.apply("MatMul", centred, into(trend.matrix))
+    constant, linear, quadratic = np.split(trend.coefficients, [1, 1 + k])
+    values = graph.apply("Gemm", inputs, into(linear), into(constant[0]))
+    if trend.degree == 2:
+        factors = (
+            graph.apply("Gather", inputs, into(i, np.int64), axis=1) for i in np.triu_indices(k)
+        )
+        products = graph.apply("MatMul", graph.apply("Mul", *factors), into(quadratic))
+        values = graph.apply("Add", values, products)
+    return graph.apply("Add", values, _learner(graph, trend.rest, inputs))
 
 
 def _network(graph: Graph, network: FeedForward, X: str) -> str:

@@ -18,7 +18,7 @@ from tuners.evaluation import evaluate
 from tuners.feedforward import FeedForwardSettings
 from tuners.gray_box import GrayBox
 from tuners.laguerre import Laguerre
-from tuners.metrics import bootstrap_interval
+from tuners.metrics import bootstrap_interval, ratio_of_rms
 from tuners.tuner import Tuner
 from tuners.two_stage import Recipe
 from yawrate_env.batch import concatenate
@@ -90,7 +90,7 @@ def entry(
     least = np.concatenate([cramer_rao(task, draw) for draw in draws])
     assert len(concatenate(draws)) == len(errors)
     pairs = [np.stack([errors[:, k], least[:, k]], axis=1) for k in (0, 1)]
-    low_high = [bootstrap_interval(pair, _ratio) for pair in pairs]
+    low_high = [bootstrap_interval(pair, ratio_of_rms) for pair in pairs]
     rms, bound = (np.sqrt((values**2).mean(axis=0)) for values in (errors, least))
     return Entry(
         name, condition, learned, episodes, _pair(rms), _pair(bound), _pair(rms / bound),
@@ -156,12 +156,6 @@ def to_markdown(rows: Sequence[Entry]) -> str:
             f"| {row.rms[0]:.5f} | {ratios[0]} | {row.rms[1]:.6f} | {ratios[1]} | {row.unstable} |"
         )
     return "\n".join(lines) + "\n"
-
-
-def _ratio(pairs: Array, axis: int) -> Array:
-    """Root mean square of the first column over that of the second, (..., E, 2)."""
-    mean = np.sqrt((pairs**2).mean(axis=axis))
-    return np.asarray(mean[..., 0] / mean[..., 1])
 
 
 def _pair(values: Any) -> tuple[float, float]:

@@ -1,0 +1,60 @@
+"""Simulated drives as python-control makes them, and answers about them without a tuner."""
+
+import control
+import numpy as np
+
+from tuners.logs import Log
+from tuners.logs.excitation import check
+from tuners.result import Check, Interval, TuningResult, TwinFit
+from yawrate_env.design import Status
+from yawrate_env.episode import plants
+from yawrate_env.excitation import prbs
+from yawrate_env.judge import Judge
+from yawrate_env.simulation import simulate
+from yawrate_env.task import Task
+from yawrate_env.vehicle import Context, Vehicle, state_space
+
+PAPER = Vehicle()
+
+
+def drive(mu_s=0.8, M_delta=120.0, v_x=18.0, *, Ts=0.01, seconds=12.0, bias=0.0, offset=0.0,
+          snr_db=30.0, warm_up=3.0, seed=3, order=14, vehicle=PAPER):  # fmt: skip
+    """Command, road-wheel angle, yaw rate: (N,) arrays of a drive, from mid-drive on."""
+    fine = 0.001
+    every, first = round(Ts / fine), round(warm_up / fine)
+    N = round((seconds + warm_up) / fine)
+    first_bit = np.array([77 if order == 14 else 0], np.uint64)
+    command = prbs(N, fine, 0.1, np.radians(1.0), order=order, start=first_bit)[0]
+    A, B, C = state_space(vehicle, Context.of(mu_s, M_delta, v_x))
+    C = np.stack([C, [0, 0, 0, 0, 0, 1.0]])
+    plant = control.ss(A[0], B[0][:, None], C, np.zeros((2, 1)))
+    response = control.forced_response(plant.sample(fine, "zoh"), inputs=command)
+    yaw_rate, angle = response.outputs[:, first::every]
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal(len(yaw_rate)) * yaw_rate.std() * 10 ** (-snr_db / 20)
+    return command[first::every] + bias, angle + bias, yaw_rate + noise + offset
+
+
+def answer(trusted=True, fitted=True, gains=None, source="drive.csv"):
+    """An answer for a drive, with a fit that is the truth."""
+    task = Task()
+    Ts, context = 0.001, Context.of(0.8, 120.0, 18.0)
+    u, _, y = drive(Ts=Ts, seconds=10.0, warm_up=0.0)
+    v_x = np.full(len(u), 18.0)
+    judged = check(u, y, v_x, Ts, task.target.crossover)
+    log = Log(source, 12.0, Ts, Ts, u, y, v_x, judged, ("Column u_deg is taken to be in deg.",))
+    oracle = Judge.of(task, context).oracle()
+    kp, Ti = gains or (float(oracle.kp[0]), float(oracle.Ti[0]))
+    simulated = simulate(plants(task.vehicle, context, Ts), u)[0]
+    fit = TwinFit(context, u, y, simulated, Ts, 0.01, 0.002, False, 30.0)
+    checks = (
+        Check("residual autocorrelation", 0.02 if trusted else 0.31, 0.1, "The residual is not "
+              "white: something moves the car that the model does not know."),
+        Check("phase margin interval", 0.4, 3.0, "The recording says too little."),
+    )  # fmt: skip
+    result = TuningResult(
+        kp, Ti, Status.OK, True, (), Interval(60.02, 59.81, 60.22), Interval(1.5, 1.492, 1.509),
+        trusted, () if trusted else (checks[0].message,), (0.2, 0.31), checks,
+        fit if fitted else None,
+    )  # fmt: skip
+    return result, log, task

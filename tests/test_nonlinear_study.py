@@ -1,0 +1,87 @@
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tuners import nonlinear_plots, nonlinear_speed, nonlinear_study, plots
+from tuners.nonlinear_study import GRAY, LINEAR, MISTAKEN, NONLINEAR, ORACLE, Score
+from yawrate_env.batch import take
+from yawrate_env.contexts import CONTEXT_SETS
+from yawrate_env.episode import excitation
+
+NAMES = (LINEAR, GRAY, NONLINEAR, MISTAKEN, ORACLE)
+
+
+def scores():
+    """Errors that grow with the amplitude, ten times less for the tuner of the right twin."""
+    return [
+        Score(name, amplitude, low, 10, 0, amplitude * (0.1 if name == NONLINEAR else 1.0),
+              0.1 * amplitude * (0.2 if name == NONLINEAR else 1.0), 3.0, 1.2, 1, 1.5)
+        for amplitude in (1.0, 4.0) for name in NAMES for low in (False, True)
+    ]  # fmt: skip
+
+
+def silent(*_):
+    pass
+
+
+def test_factors_compare_the_twins():
+    found = nonlinear_study.factors(scores())
+    assert [(amplitude, low) for amplitude, low, *_ in found] == [
+        (1.0, False), (1.0, True), (4.0, False), (4.0, True)
+    ]  # fmt: skip
+    np.testing.assert_allclose([ratios for *_, _, ratios in found], 5)
+    np.testing.assert_allclose([row[2] for row in found], 10)
+
+
+def test_tables_and_json_hold_every_score():
+    text = nonlinear_study.to_markdown(scores())
+    assert all(text.count(f"| {name} |") == 4 for name in NAMES)
+    assert "| ±4° | low friction | 10.0 | 5.0 |" in text
+    content = json.loads(nonlinear_study.to_json(scores(), [], training=60, seed=3))
+    assert len(content["rows"]) == 20 and content["conditions"]["seed"] == 3
+    assert content["conditions"]["task"]["twin"]["tyre"]["friction"] == 0.99
+
+
+def test_the_picture_shows_tyre_response_and_both_errors(tmp_path):
+    picture = nonlinear_plots.overview(scores())
+    assert [axes.get_title(loc="left") for axes in picture.get_axes()[:2]] == [
+        "Front axle", "±4° on $\\mu_s$ = 0.35"
+    ]  # fmt: skip
+    (legend,) = picture.subfigs[1].legends
+    shown = [text.get_text() for text in legend.get_texts()]
+    assert shown == [LINEAR, NONLINEAR, GRAY, MISTAKEN]
+    plots.save(picture, tmp_path / "nonlinear.png")
+    assert (tmp_path / "nonlinear.png").stat().st_size > 20_000
+
+
+def test_the_oracle_is_judged_without_error_and_low_friction_apart():
+    task = nonlinear_study.task_at(4.0)
+    found = nonlinear_study.judged(task, 4.0, {"gb": nonlinear_study.GrayBox(task)}, 24, 0)
+    by = {(s.tuner, s.low_friction): s for s in found}
+    assert by[ORACLE, False].phase_margin < 1e-10 < by["gb", False].phase_margin
+    context = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 24).context
+    assert by["gb", True].episodes == (context.mu_s < 0.5).sum() < by["gb", False].episodes == 24
+
+
+def test_scipys_loop_agrees_with_what_it_is_timed_against():
+    task = nonlinear_study.task_at(4.0)
+    task = replace(task, experiment=replace(task.experiment, N=500))
+    draw = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 3)
+    u = excitation(task.experiment, draw.start)
+    few = take(draw.context, slice(0, 1))
+    truth = nonlinear_speed._loop(task, few, u, True, "DOP853", 1e-12)
+    method, tolerance, error = nonlinear_speed._fastest(task, few, u, True, truth)
+    assert error < nonlinear_speed.ERROR and tolerance in nonlinear_speed.TOLERANCES
+    assert np.abs(nonlinear_speed.driven(task, draw.context, u)[:1] - truth).max() < 1e-8
+    assert method in nonlinear_speed.METHODS
+
+
+@pytest.mark.slow
+def test_training_on_the_nonlinear_twin_pays_at_four_degrees():
+    found = nonlinear_study.study(100, 0, silent, training=100, amplitudes=(4.0,))
+    for _, _, margin, crossover in nonlinear_study.factors(found):
+        assert margin > 20 and crossover > 20  # hundreds with more vehicles
+    assert all(math.isfinite(s.tracking_error) and s.unstable == 0 for s in found)

@@ -1,0 +1,64 @@
+"""``yawrate``: from a log file to gains.  One module a command, imported when it is called."""
+
+import sys
+from importlib import import_module
+from typing import Any
+
+try:
+    import click
+except ImportError:
+    sys.exit('error: the yawrate command needs click: pip install "yawrate[tune]"')
+
+import yawrate_env
+from tuners.cli.example import example
+
+COMMANDS = ("tune", "train", "excite", "export", "init", "dataset", "completion")
+
+
+class Commands(click.Group):
+    """The commands, and one place where an error becomes one line and an exit status."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """In the order of use."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command's module; each one has its own ``command``."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"tuners.cli.{cmd_name}").command
+        return command
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run, say what went wrong in one line, and exit: 1 unusable input, 2 wrong usage."""
+        kwargs["standalone_mode"] = False
+        try:
+            sys.exit(super().main(*args, **kwargs) or 0)
+        except click.exceptions.NoArgsIsHelpError as error:
+            error.show()
+            sys.exit(2)
+        except click.ClickException as error:
+            _end(error.format_message(), error.exit_code)
+        except click.Abort:
+            _end("interrupted.", 130)
+        except ModuleNotFoundError as error:
+            _end(f'{error}. Install what is missing: pip install "yawrate[tuners]".', 1)
+        except (ValueError, OSError, MemoryError, OverflowError) as error:
+            _end(str(error) or type(error).__name__, 1)
+
+
+def _end(message: str, status: int) -> None:
+    line = " ".join(message.split())
+    click.echo(f"error: {line}", err=True)
+    sys.exit(status)
+
+
+@click.group(
+    cls=Commands,
+    no_args_is_help=True,
+    epilog=example("yawrate tune log.csv --report report.html"),
+    context_settings={"max_content_width": 96},
+)
+@click.version_option(yawrate_env.__version__, prog_name="yawrate")
+def main() -> None:
+    """Tune a yaw-rate controller from one recording of steering and yaw rate."""

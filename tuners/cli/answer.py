@@ -1,0 +1,96 @@
+"""A tuning result in words for people, and as one JSON object for machines."""
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from tuners.forms import Forms
+from tuners.logs import Log
+from tuners.result import TuningResult
+from tuners.words import between
+from yawrate_env.task import Task
+
+
+def as_json(result: TuningResult, log: Log, task: Task, tuner: str) -> dict[str, Any]:
+    """Everything about an answer, in plain JSON values; ``null`` where there is no number."""
+    fit = result.fit
+    answer = {
+        "kp": result.kp,
+        "Ti": result.Ti,
+        "trusted": result.trusted,
+        "reasons": result.reasons,
+        "notes": (*log.notes, *result.notes),
+        "phase_margin": asdict(result.phase_margin),
+        "crossover": asdict(result.crossover),
+        "status": result.status.name.lower(),
+        "converged": result.converged,
+        "fallback": dict(zip(("kp", "Ti"), result.fallback, strict=True)),
+        "checks": [asdict(check) | {"passed": check.passed} for check in result.checks],
+        "forms": asdict(Forms.of(result.kp, result.Ti, task.target)),
+        "target": asdict(task.target),
+        "tuner": tuner,
+        "log": {
+            "file": log.source,
+            "start": log.t0,
+            "samples": len(log.steer),
+            "Ts": log.Ts,
+            "speed": float(log.speed.mean()),
+            "excitation": asdict(log.excitation),
+        },
+        "fit": None
+        if fit is None
+        else {
+            "mu_s": fit.context.mu_s[0],
+            "M_delta": fit.context.M_delta[0],
+            "offset": fit.offset,
+            "initial": fit.initial,
+            "from_rest": fit.from_rest,
+            "snr_db": fit.snr_db,
+        },
+    }
+    plain: dict[str, Any] = _plain(answer)
+    return plain
+
+
+def as_text(result: TuningResult, log: Log, task: Task) -> str:
+    """A few aligned lines."""
+    forms = Forms.of(result.kp, result.Ti, task.target)
+    rows = [
+        ("kp", f"{result.kp:.4g} s"),
+        ("Ti", f"{result.Ti:.4g} s"),
+        ("phase margin", between(result.phase_margin, " deg")),
+        ("crossover", between(result.crossover, " Hz")),
+        ("every", f"{1e3 * forms.Ts:g} ms: {forms.equation}"),
+    ]
+    lines = [described(log), "", *(f"  {name:<14}{value}" for name, value in rows), ""]
+    if result.trusted:
+        lines.append("Trusted: every check passed.")
+    else:
+        lines += ["NOT TRUSTED", *(f"  - {reason}" for reason in result.reasons)]
+        kp, Ti = result.fallback
+        lines.append(f"Stable for every vehicle of the prior: kp {kp:.4g} s, Ti {Ti:.4g} s.")
+    notes = (*log.notes, *result.notes)
+    if notes:
+        lines += ["", "Notes", *(f"  - {note}" for note in notes)]
+    return "\n".join(lines)
+
+
+def described(log: Log) -> str:
+    """One line about a log."""
+    e = log.excitation
+    return (
+        f"{log.source}: {log.t0:.2f} to {log.t0 + e.duration:.2f} s at {log.speed.mean():.1f} m/s, "
+        f"steering ±{np.degrees(e.amplitude):.2g} deg"
+    )
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value

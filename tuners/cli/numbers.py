@@ -1,0 +1,40 @@
+"""Types of numbers that the commands take."""
+
+import math
+from typing import Any
+
+import click
+
+
+class Number(click.ParamType):  # type: ignore[type-arg]
+    """A finite number, or only a positive one."""
+
+    name = "number"
+
+    def __init__(self, positive: bool = False) -> None:
+        self.positive = positive
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Parse and check."""
+        number = click.FLOAT.convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        if self.positive and number <= 0:
+            self.fail(f"{value} is not above 0.", param, ctx)
+        return number
+
+
+class Count(Number):
+    """A positive whole number; ``1e6`` is one."""
+
+    name = "count"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Parse and check."""
+        number = super().convert(value, param, ctx)
+        if not float(number).is_integer():
+            self.fail(f"{value} is not a whole number.", param, ctx)
+        return int(number)
+
+
+NUMBER, POSITIVE, COUNT = Number(), Number(positive=True), Count(positive=True)

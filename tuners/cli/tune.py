@@ -1,0 +1,57 @@
+"""``yawrate tune``."""
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from tuners.cli import answer
+from tuners.cli.example import example
+from tuners.cli.files import READABLE, Output
+from tuners.cli.log_options import log_options
+from tuners.cli.tuner_option import loaded
+from tuners.logs import Options, SelectionError, read_log
+
+DEFAULT = "ts-ff-lag-vx"
+UNTRUSTED = 3
+
+
+@click.command(epilog=example("yawrate tune log.csv --steer-unit deg --report report.html"))
+@click.argument("log", type=READABLE)
+@log_options
+@click.option(
+    "--tuner",
+    default=DEFAULT,
+    show_default=True,
+    metavar="NAME|FILE",
+    help="A tuner that the package ships, or a file of `yawrate train`.",
+)
+@click.option("--report", type=Output(), help="Write a report to this HTML file.")
+@click.option("--json", "machine", is_flag=True, help="Print one JSON object.")
+def command(
+    log: Path, options: Options, tuner: str, report: Path | None, machine: bool
+) -> None:  # fmt: skip
+    """Tune a PI controller from a LOG of steering and yaw rate.
+
+    LOG is CSV, MATLAB (any version), Parquet or MDF4.  Columns called t, steer, yaw_rate
+    and speed, or much like it, are found without flags.  Of a long log the best-excited
+    stretch is used.
+
+    Exit status: 0 trusted, 3 not trusted, 1 unusable data, 2 wrong usage.
+    """
+    trained = loaded(tuner)
+    try:
+        recording = read_log(log, trained.task, options)
+    except SelectionError as error:
+        raise click.UsageError(str(error)) from None
+    result = trained.tune(recording.steer, recording.yaw_rate, recording.Ts, recording.speed)
+    if report is not None:
+        from tuners.report import write_report
+
+        write_report(report, result, recording, trained.task, tuner)
+    if machine:
+        click.echo(json.dumps(answer.as_json(result, recording, trained.task, tuner), indent=1))
+    else:
+        click.echo(answer.as_text(result, recording, trained.task))
+    sys.exit(0 if result.trusted else UNTRUSTED)

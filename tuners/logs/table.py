@@ -1,0 +1,55 @@
+"""Columns of numbers with names and units: what every format's reader gives."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class LogError(ValueError):
+    """A recording that cannot be used."""
+
+
+class SelectionError(ValueError):
+    """A choice of columns or of a stretch that this recording does not have."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """One recorded quantity.
+
+    Attributes
+    ----------
+    values : NDArray
+        (N,) float64, ``nan`` where a sample is missing.
+    unit : str
+        As the file states it; empty if it does not.
+    time : NDArray or None
+        (N,) its own time stamps [s], in formats where every quantity has some.
+    """
+
+    values: Array
+    unit: str = ""
+    time: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """A recording before anybody knows which column is which.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the columns, in the file's order.
+    column : callable
+        Reads one by its name; `LogError` where it does not hold numbers.
+    notes : tuple of str
+        What was remarkable about the file, in words.
+    """
+
+    names: tuple[str, ...]
+    column: Callable[[str], Column]
+    notes: tuple[str, ...] = ()

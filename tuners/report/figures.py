@@ -1,0 +1,157 @@
+"""The report's figures, as SVG with real text that a page can style.
+
+Every figure is drawn for half of a desktop page, which is also what a phone shows; the
+recording is drawn twice, for wide and for narrow pages.
+"""
+
+import io
+import re
+from typing import Any
+
+import numpy as np
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
+from numpy.typing import NDArray
+
+from tuners.report.loops import Loop
+from tuners.report.residuals import Correlation
+from tuners.result import TwinFit
+from yawrate_env import rendering
+from yawrate_env.task import Target
+
+Array = NDArray[np.float64]
+
+HALF, FULL = 4.7, 9.8  # inch
+MOST_POINTS = 3000  # of a drawn line
+MEASURED, MODEL, RESIDUAL = "#9db4c8", "#b0307a", "#69717a"
+STYLE = {
+    **rendering.STYLE,
+    "font.size": 9.5,
+    "axes.titlesize": 10.0,
+    "figure.constrained_layout.use": True,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "svg.fonttype": "none",
+    "legend.fontsize": 9.0,
+}
+
+
+def recording(t0: float, fit: TwinFit, width: float) -> Figure:
+    """The recording with the fitted model over it, and what is left over."""
+    every = max(1, len(fit.measured) // MOST_POINTS)
+    time = t0 + fit.Ts * np.arange(len(fit.measured))
+    with style.context(["default", STYLE]):
+        picture = Figure(figsize=(width, 4.6))
+        above, middle, below = picture.subplots(3, 1, sharex=True, height_ratios=[1, 2.6, 1])
+        above.plot(time[::every], np.degrees(fit.command[::every]), color=rendering.COMMAND,
+                   lw=1.0, drawstyle="steps-post")  # fmt: skip
+        above.set_ylabel("steering\n[deg]")
+        middle.plot(time[::every], np.degrees(fit.measured[::every]), color=MEASURED, lw=1.4,
+                    label="measured")  # fmt: skip
+        middle.plot(time[::every], np.degrees(fit.simulated[::every]), color=MODEL, lw=0.9,
+                    label="fitted model")  # fmt: skip
+        middle.set_ylabel("yaw rate\n[deg/s]")
+        middle.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=2, borderaxespad=0)
+        below.plot(time[::every], np.degrees(fit.residual[::every]), color=RESIDUAL, lw=0.7)
+        below.set(ylabel="residual\n[deg/s]", xlabel="time [s]", xlim=(time[0], time[-1]))
+        for axes in (above, middle, below):
+            axes.yaxis.set_major_locator(MaxNLocator(4 if axes is middle else 2))
+        picture.align_ylabels()
+    return picture
+
+
+def bode(loop: Loop, target: Target) -> Figure:
+    """The open loop with its margins marked."""
+    margins = loop.verdict.margins
+    crossover, turn = float(margins.crossover[0]), float(margins.phase_crossover[0])
+    with style.context(["default", STYLE]):
+        picture = Figure(figsize=(HALF, 4.4))
+        above, below = picture.subplots(2, 1, sharex=True)
+        line: dict[str, Any] = {"color": rendering.LOOP, "lw": 1.8}
+        above.semilogx(loop.frequency, loop.magnitude, **line)
+        below.semilogx(loop.frequency, loop.phase, **line)
+        above.axhline(0, color=rendering.INK, lw=0.8)
+        below.axhline(-180, color=rendering.INK, lw=0.8)
+        above.set(ylabel="magnitude [dB]", ylim=(-50, max(30, float(loop.magnitude.max()) + 5)))
+        below.set(
+            ylabel="phase [deg]",
+            xlabel="frequency [Hz]",
+            ylim=(-285, max(-30.0, float(loop.phase.max()) + 15)),
+        )
+        below.yaxis.set_major_locator(MultipleLocator(45))
+        _hertz(below)
+        if np.isfinite(crossover):
+            bottom = -180 + float(margins.phase_margin[0])
+            _mark(above, crossover, 0.0, f"{crossover:.2f} Hz", (7, 7))
+            _span(below, crossover, bottom, f"{bottom + 180:.1f}°", align="right")
+        if np.isfinite(turn):
+            gain = float(margins.gain_margin[0])
+            _span(above, turn, -gain, f"{gain:.1f} dB", 0.0)
+            _mark(below, turn, -180.0, f"{turn:.2f} Hz", (-7, -14), "right")
+    return picture
+
+
+def responses(loop: Loop) -> Figure:
+    """Yaw rate after a step of the reference, and after a step of the steering."""
+    with style.context(["default", STYLE]):
+        picture = Figure(figsize=(HALF, 4.4))
+        above, below = picture.subplots(2, 1, sharex=True)
+        above.axhline(1, color=rendering.TARGET, lw=1.0, dashes=(4, 3))
+        above.plot(loop.time, loop.step, color=rendering.LOOP, lw=1.8)
+        above.set(title="Step of the reference by 1 deg/s", ylabel="yaw rate [deg/s]")
+        below.axhline(0, color=rendering.TARGET, lw=1.0, dashes=(4, 3))
+        below.plot(loop.time, loop.disturbance, color=rendering.LOOP, lw=1.8)
+        below.set(title="Disturbance of the steering by 1 deg", ylabel="yaw rate [deg/s]")
+        below.set(xlabel="time [s]", xlim=(0, loop.time[-1]))
+    return picture
+
+
+def correlation(found: Correlation, title: str) -> Figure:
+    """A correlation of the residual and its 99 % band; without lag 0 of an autocorrelation."""
+    inner = found.value < 1 - 1e-9
+    limit = 1.2 * max(2.5 * found.band, float(np.abs(found.value[inner]).max(initial=0)))
+    with style.context(["default", STYLE]):
+        picture = Figure(figsize=(HALF, 2.6))
+        axes = picture.subplots()
+        axes.axhspan(-found.band, found.band, color=rendering.TARGET, alpha=0.16, lw=0)
+        axes.axhline(0, color=rendering.INK, lw=0.8)
+        axes.plot(found.lag[inner], found.value[inner], color=rendering.YAW_RATE, lw=1.0)
+        axes.set(title=title, ylim=(-limit, limit), xlim=(found.lag[0], found.lag[-1]))
+        axes.set(xlabel="lag [s]", ylabel="correlation")
+    return picture
+
+
+def svg(picture: Figure, name: str) -> str:
+    """Markup to put into a page: scales with it, and uses the page's font."""
+    text = io.StringIO()
+    with style.context(["default", STYLE, {"svg.hashsalt": name}]):
+        picture.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    markup = text.getvalue()[text.getvalue().index("<svg") :]
+    markup = re.sub(r"<metadata>.*?</metadata>", "", markup, flags=re.DOTALL)
+    markup = re.sub(r' id="[a-z]+[\w.]*_\d+"', "", markup)  # of groups; two figures share them
+    head, rest = markup.split(">", 1)
+    head = re.sub(r' (width|height)="[^"]*"', "", head)
+    return f'{head} role="img" aria-label="{name}">{rest}'
+
+
+def _mark(
+    axes: Axes, x: float, y: float, words: str, offset: tuple[int, int], align: Any = "left"
+) -> None:
+    axes.plot([x], [y], "o", color=rendering.TARGET, ms=5, zorder=4)
+    axes.annotate(words, (x, y), offset, textcoords="offset points", ha=align, color=rendering.INK)
+
+
+def _span(
+    axes: Axes, x: float, y: float, words: str, foot: float = -180.0, align: Any = "left"
+) -> None:
+    axes.plot([x, x], [foot, y], color=rendering.TARGET, lw=2.2, zorder=3, solid_capstyle="butt")
+    middle = (foot + y) / 2
+    beside = (6 if align == "left" else -6, 0)
+    axes.annotate(words, (x, middle), beside, textcoords="offset points", va="center", ha=align,
+                  color=rendering.INK, weight="bold")  # fmt: skip
+
+
+def _hertz(axes: Axes) -> None:
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

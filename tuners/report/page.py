@@ -1,0 +1,135 @@
+"""From an answer to its page."""
+
+import os
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+import yawrate_env
+from tuners.forms import Forms
+from tuners.logs import Log
+from tuners.report import figures
+from tuners.report.loops import Loop
+from tuners.report.residuals import Correlation, autocorrelation, cross_correlation
+from tuners.result import TuningResult, TwinFit
+from tuners.words import between
+from yawrate_env.files import write_text
+from yawrate_env.task import Task
+
+LONGEST_LAG = 0.5  # [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """How white a residual is, at the recording's own sampling time."""
+
+    auto: Correlation
+    cross: Correlation
+
+    @classmethod
+    def of(cls, fit: TwinFit, Ts: float) -> "Residuals":
+        """Correlations of the samples that were recorded, not of those between them."""
+        every = max(1, round(Ts / fit.Ts))
+        e, u = fit.residual[::every], fit.command[::every]
+        return cls(
+            autocorrelation(e, every * fit.Ts, LONGEST_LAG),
+            cross_correlation(e, u, every * fit.Ts, LONGEST_LAG),
+        )
+
+
+def write_report(
+    path: str | os.PathLike[str], result: TuningResult, log: Log, task: Task, tuner: str
+) -> None:
+    """Write the page, completely or not at all."""
+    write_text(path, render(result, log, task, tuner))
+
+
+def render(result: TuningResult, log: Log, task: Task, tuner: str) -> str:
+    """The page as text."""
+    from jinja2 import Environment, StrictUndefined
+
+    template = (files("tuners") / "templates" / "report.html").read_text(encoding="utf-8")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["between"] = between
+    page = environment.from_string(template).render(
+        result=result,
+        log=log,
+        task=task,
+        tuner=tuner,
+        version=yawrate_env.__version__,
+        forms=Forms.of(result.kp, result.Ti, task.target),
+        assumed=_assumed(result, log, task, tuner),
+        notes=(*log.notes, *result.notes),
+        **_pictures(result, log, task),
+    )
+    return page + "\n"
+
+
+def _pictures(result: TuningResult, log: Log, task: Task) -> dict[str, Any]:
+    fit = result.fit
+    if fit is None:
+        return {"fit": None}
+    loop = Loop.of(task, fit.context, result.kp, result.Ti)
+    residuals = Residuals.of(fit, log.recorded_Ts)
+    drawn = {
+        "wide": figures.recording(log.t0, fit, figures.FULL),
+        "narrow": figures.recording(log.t0, fit, figures.HALF),
+        "bode": figures.bode(loop, task.target),
+        "responses": figures.responses(loop),
+        "auto": figures.correlation(residuals.auto, "Residual with itself"),
+        "cross": figures.correlation(residuals.cross, "Residual with the steering"),
+    }
+    return {
+        "fit": fit,
+        "stable": bool(loop.verdict.stable[0]),
+        "margins": _margins(loop),
+        "residuals": residuals,
+        "svg": {name: figures.svg(picture, name) for name, picture in drawn.items()},
+    }
+
+
+def _margins(loop: Loop) -> list[tuple[str, str, str]]:
+    m = loop.verdict.margins
+    rows = [
+        ("Phase margin", m.phase_margin, 1.0, "°", ".1f", "at the crossover"),
+        ("Crossover", m.crossover, 1.0, " Hz", ".2f", "where the loop gain falls through 1"),
+        ("Gain margin", m.gain_margin, 1.0, " dB", ".1f", "at the phase crossover"),
+        ("Modulus margin", m.modulus_margin, 1.0, "", ".2f", "least distance of the loop from −1"),
+        ("Delay margin", m.delay_margin, 1e3, " ms", ".0f", "further delay that it bears"),
+    ]
+    return [
+        (name, f"{scale * value[0]:{form}}{unit}" if np.isfinite(value[0]) else "none", words)
+        for name, value, scale, unit, form, words in rows
+    ]
+
+
+def _assumed(result: TuningResult, log: Log, task: Task, tuner: str) -> list[tuple[str, str]]:
+    v, target, fit, v_x = task.vehicle, task.target, result.fit, log.speed
+    low, high = task.prior.v_x
+    speeds = f"{low:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
+    rows = [
+        ("Tuner", f"{tuner}, made for {speeds}"),
+        ("Vehicle", f"{v.M_0:g} kg without load, yaw inertia {v.J_z:g} kg m²"),
+        ("Axles", f"{v.l_f:g} m and {v.l_r:g} m from the centre of gravity"),
+        ("Cornering stiffness", f"{v.C_f / 1e3:g} and {v.C_r / 1e3:g} kN/rad on dry road"),
+        ("Steering actuator", f"{v.omega_n / 2 / np.pi:.3g} Hz, damping ratio {v.xi:g}"),
+        ("Target", f"phase margin {target.phase_margin:g}°, crossover {target.crossover:g} Hz"),
+        ("Controller", f"every {1e3 * target.Ts:g} ms, delay {target.delay_samples} samples"),
+        ("Recording", f"{log.excitation.duration:.4g} s, every {1e3 * log.recorded_Ts:g} ms"),
+        ("Speed", f"{v_x.mean():.2f} m/s, from {v_x.min():.2f} to {v_x.max():.2f}"),
+    ]  # fmt: skip
+    if fit is not None:
+        start = (
+            "from rest, without offset"
+            if fit.from_rest
+            else f"in mid-drive; offset {np.degrees(fit.offset):.3f} deg/s, "
+            f"initial movement {np.degrees(fit.initial):.3f} deg/s rms"
+        )
+        c = fit.context
+        found = f"friction {c.mu_s[0]:.3g}, load {c.M_delta[0]:.0f} kg, SNR {fit.snr_db:.1f} dB"
+        rows += [("Start", start), ("Vehicle that fits", found)]
+    return rows

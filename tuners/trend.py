@@ -1,0 +1,170 @@
+"""Second stage in two steps: a polynomial trend by least squares, the rest to a learner.
+
+In loop coordinates what a controller must supply is nearly linear in the recording's own
+frequency response (`tuners.response`).  The trend takes that; trees need no staircase and
+neurons no bending to follow it, and learn what is left.  The learner gets the features
+decorrelated: combinations that say little about the vehicle, but much about the noise in
+the others, come out as large as these.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners import feedforward, gbm
+
+Array = NDArray[np.float64]
+Batches = Iterable[tuple[Array, Array]]
+Progress = Callable[[int, int], None]
+
+_RESTS: dict[str, Any] = {"gbm": gbm.GBM, "feedforward": feedforward.FeedForward}
+
+_LEAST = 1e-12  # of the largest variance: combinations below it are constant, and left out
+
+
+@dataclass(frozen=True, slots=True)
+class TrendSettings:
+    """Hyperparameters.
+
+    Attributes
+    ----------
+    rest : FeedForwardSettings or GBMSettings
+        Learns what the trend leaves.
+    degree : int
+        Of the polynomial, 1 or 2.
+    """
+
+    rest: feedforward.FeedForwardSettings | gbm.GBMSettings
+    degree: int = 1
+
+    def fit(
+        self,
+        X: Array,
+        T: Array,
+        X_val: Array,
+        T_val: Array,
+        random_state: int,
+        progress: Progress | None = None,
+    ) -> "Trend":
+        """Train on (m, n) features and (m, 2) targets."""
+        return self.fit_batches([(X, T)], [(X_val, T_val)], random_state, progress)
+
+    def fit_batches(
+        self,
+        training: Batches,
+        validation: Batches,
+        random_state: int,
+        progress: Progress | None = None,
+    ) -> "Trend":
+        """Train on data that come in parts, and again every time that they are iterated over."""
+        mean, matrix = _decorrelation(training)
+        normal = right = np.zeros(())
+        for X, T in training:
+            P = polynomial((X - mean) @ matrix, self.degree)
+            normal, right = normal + P.T @ P, right + P.T @ T
+        coefficients = np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0], dtype=np.float64)
+        rest, checked = (
+            _Rest(data, mean, matrix, coefficients, self.degree) for data in (training, validation)
+        )
+        learner = self.rest.fit_batches(rest, checked, random_state, progress)
+        return Trend(mean, matrix, coefficients, self.degree, learner)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trend:
+    """A trained trend and the learner of the rest.
+
+    Attributes
+    ----------
+    mean, matrix : NDArray
+        (n,) and (n, k): features minus mean times matrix are decorrelated.
+    coefficients : NDArray
+        Of the polynomial, a column a target.
+    degree : int
+        Of the polynomial.
+    rest : FeedForward or GBM
+        Learner of the rest.
+    """
+
+    mean: Array
+    matrix: Array
+    coefficients: Array
+    degree: int
+    rest: feedforward.FeedForward | gbm.GBM
+
+    def __call__(self, X: Array) -> Array:
+        """Predict (B, 2) targets from (B, n) features."""
+        inputs = (X - self.mean) @ self.matrix
+        return np.asarray(polynomial(inputs, self.degree) @ self.coefficients + self.rest(inputs))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Everything there is to save."""
+        kinds = {kind: name for name, kind in _RESTS.items()}
+        name = kinds[type(self.rest)]
+        return {
+            "mean": self.mean,
+            "matrix": self.matrix,
+            "coefficients": self.coefficients,
+            "degree": np.array(self.degree),
+            **{f"rest.{name}.{key}": array for key, array in self.rest.arrays().items()},
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, NDArray[Any]]) -> Self:
+        """Rebuild from `arrays`."""
+        own, rest, name = {}, {}, ""
+        for key, array in arrays.items():
+            if key.startswith("rest."):
+                _, name, inner = key.split(".", 2)
+                rest[inner] = array
+            else:
+                own[key] = array
+        degree = int(own.pop("degree").item())
+        return cls(**own, degree=degree, rest=_RESTS[name].from_arrays(rest))
+
+
+def polynomial(x: Array, degree: int) -> Array:
+    """Monomials up to `degree`, 1 or 2, of (B, k) inputs."""
+    columns = [np.ones((len(x), 1)), x]
+    if degree == 2:
+        i, j = np.triu_indices(x.shape[1])
+        columns.append(x[:, i] * x[:, j])
+    return np.concatenate(columns, axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rest:
+    """Decorrelated features, and what the trend leaves of the targets."""
+
+    batches: Batches
+    mean: Array
+    matrix: Array
+    coefficients: Array
+    degree: int
+
+    def __iter__(self) -> Iterator[tuple[Array, Array]]:
+        for X, T in self.batches:
+            inputs = (X - self.mean) @ self.matrix
+            yield inputs, T - polynomial(inputs, self.degree) @ self.coefficients
+
+
+def _decorrelation(batches: Batches) -> tuple[Array, Array]:
+    """Mean (n,) and a matrix (n, k) that makes features uncorrelated with variance one."""
+    count = 0
+    total = squares = np.zeros(())
+    shift: Array | None = None  # near the mean, so that the squares keep their digits
+    for X, _ in batches:
+        shift = X.mean(axis=0) if shift is None else shift
+        count, total = count + len(X), total + (X - shift).sum(axis=0)
+        squares = squares + (X - shift).T @ (X - shift)
+    assert shift is not None
+    offset = total / count
+    covariance = squares / count - np.outer(offset, offset)
+    scale = np.sqrt(covariance.diagonal())
+    scale = np.where(scale > 0, scale, 1.0)
+    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    kept = variances > _LEAST * variances.max()
+    return shift + offset, axes[:, kept] / np.sqrt(variances[kept]) / scale[:, None]
