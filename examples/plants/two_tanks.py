@@ -87,13 +87,13 @@ def fall_time(e, below):
 
 
 plant = plants.Plant(
-    prior={"a1": (0.3, 0.6), "a2": (0.3, 0.6), "pump": (6.0, 12.0)},  # cm2, cm2, cm3/(s V)
+    prior={"a1": (0.3, 0.5), "a2": (0.3, 0.5), "pump": (8.0, 12.0)},  # cm2, cm2, cm3/(s V)
     simulate=simulate,
     design=design,
     judge=judge,
     gains=("kp", "Ti"),
     figures={"rise time [s]": 5.0, "integrated error [cm s]": 5.0},
-    u=6.0 + prbs(N, TS, bit_time=40.0, amplitude=2.0)[0],
+    u=5.0 + prbs(N, TS, bit_time=40.0, amplitude=2.0)[0],
     Ts=TS,
     noise=0.1,  # cm
     signals=("pump [V]", "lower level [cm]"),

@@ -63,8 +63,7 @@ class _Block:
 def compare(tuner: PlantTuner, count: int, seed: int) -> Comparison:
     """Tune the first `count` episodes of the ``test`` set with everything there is.
 
-    The gray box is the plant's own simulator, fitted, within the prior; with other
-    parameters the design rule is not asked.
+    The gray box is the plant's own simulator, fitted within the prior.
     """
     plant = tuner.plant
     rows = concatenate(
@@ -85,15 +84,14 @@ def _judged(tuner: PlantTuner, theta: Array, y: Array) -> _Block:
     found = tuner.assess(plant.u, y, gains)
     actual, right = plant.judged(theta, gains), plant.judged(theta, plant.oracle(theta))
     half = np.array(tuner.calibration) * found.spread
-    identified = np.clip(found.fit.theta, *plant.ranges)
     nominal = np.repeat(plant.oracle(plant.middle), len(theta), axis=0)
     with np.errstate(invalid="ignore"):
         return _Block(
             actual - right,
-            plant.judged(theta, plant.oracle(identified)) - right,
+            plant.judged(theta, plant.oracle(found.gray_box.theta)) - right,
             plant.judged(theta, nominal) - right,
             cramer_rao(plant, theta),
             found.trusted(Limits()),
-            found.fit.converged,
+            found.gray_box.converged,
             np.abs(actual - found.figures) <= half,
         )

@@ -2,8 +2,8 @@
 
 The sum of squared output errors (for white noise and a simulator without randomness of
 its own the prediction error) is minimised from the middle of the prior by damped steps
-within the plant's search limits, in parameters scaled by their ranges.  A parameter
-that is pressed against a limit stays there.
+in parameters scaled by their ranges.  A parameter that is pressed against a limit stays
+there.
 """
 
 from collections.abc import Callable
@@ -49,11 +49,19 @@ class Identified:
     converged: NDArray[np.bool_]
 
 
-def identify(plant: Plant, u: Array, y: Array) -> Identified:
-    """Find the parameters behind outputs (B, N) of one input (N,)."""
-    low, high = plant.search_limits
+def identify(plant: Plant, u: Array, y: Array, start: Array | None = None) -> Identified:
+    """Find the parameters behind outputs (B, N) of one input (N,).
+
+    Parameters
+    ----------
+    start : (B, p) float64, optional
+        Parameters from which the search goes on beyond the prior, to the plant's search
+        limits.  Without them it starts in the middle of the prior and stays within; what
+        leaves it at once may end in a minimum that is none of the prior's.
+    """
+    low, high = plant.ranges if start is None else plant.search_limits
     width = np.subtract(*plant.ranges[::-1])
-    theta = np.tile(plant.middle, (len(y), 1))
+    theta = np.tile(plant.middle, (len(y), 1)) if start is None else start.copy()
     simulated = plant.respond(theta, u)
     error, energy = y - simulated, (y**2).sum(axis=1)
     cost, damping = (error**2).sum(axis=1), np.full(len(y), 1e-6)
@@ -61,8 +69,10 @@ def identify(plant: Plant, u: Array, y: Array) -> Identified:
     converged = np.zeros(len(y), dtype=np.bool_)
     active = np.arange(len(y))
     for _ in range(_MAX_STEPS):
-        step, promised = _step(slopes[active], error[active], damping[active],
-                               (low - theta[active]) / width, (high - theta[active]) / width)  # fmt: skip
+        now = theta[active]
+        step, promised = _step(
+            slopes[active], error[active], damping[active], now > low, now < high
+        )
         done = promised <= _TOLERANCE * cost[active] + _ROUNDING * energy[active]
         converged[active[done]] = True
         keep = ~done & (damping[active] < _DAMPING)
@@ -102,11 +112,17 @@ def covariance_of(slopes: Array, sigma: Array) -> Array:
     return np.asarray(sigma[:, None, None] ** 2 * _inverse(slopes))
 
 
-def _step(slopes: Array, error: Array, damping: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Damped Gauss-Newton steps (B, p) within limits, and the decrease they promise (B,)."""
+def _step(
+    slopes: Array,
+    error: Array,
+    damping: Array,
+    may_fall: NDArray[np.bool_],
+    may_rise: NDArray[np.bool_],
+) -> tuple[Array, Array]:
+    """Damped Gauss-Newton steps (B, p), and the decrease they promise (B,)."""
     normal = slopes @ slopes.swapaxes(1, 2)
     slope = (slopes @ error[..., None])[..., 0]
-    free = ~((low >= 0) & (slope < 0) | (high <= 0) & (slope > 0))
+    free = np.where(slope < 0, may_fall, may_rise)
     slope = np.where(free, slope, 0.0)
     eye = np.eye(slopes.shape[1])
     mask = free[:, :, None] & free[:, None, :]

@@ -36,15 +36,16 @@ def overview(plant: Plant, y: Array, simulated: Array, comparison: Comparison) -
         below = picture.add_subplot(grid[1, :], sharex=above)
         below.plot(t, y, color=NOISE, lw=0.8, label="recorded")
         below.plot(t, simulated, color=INK, lw=1.2, label="plant found in it")
-        below.set(ylabel=_label(plant.signals[1]), xlabel="time [s]")
-        below.legend(loc="upper right", ncols=2, frameon=True, framealpha=0.9, edgecolor="none")
+        below.set(ylabel=_label(plant.signals[1]), xlabel="time [s]", ymargin=0.1)
+        above.legend(*below.get_legend_handles_labels(), loc="lower right", ncols=2,
+                     bbox_to_anchor=(1, 1), frameon=False)  # fmt: skip
         for k, name in enumerate(plant.figures):
             axes = picture.add_subplot(grid[2, k])
             _shares(axes, comparison, k)
             axes.set_xlabel(f"error of {name}")
             if k == 0:
                 axes.set_ylabel("share of test plants within")
-                axes.legend(loc="upper left", frameon=False)
+                axes.legend(loc="lower right", frameon=True, framealpha=0.9, edgecolor="none")
         picture.align_ylabels()
     return picture
 
@@ -53,7 +54,7 @@ def _shares(axes: Axes, comparison: Comparison, k: int) -> None:
     """Cumulative distributions of the absolute errors, and of errors on the bound."""
     bound = comparison.bound[:, k]
     # Errors on the bound are normal with each episode's own spread: their quantiles, mixed.
-    normal = np.abs(np.random.default_rng(0).standard_normal((20, 1)) * bound).ravel()
+    normal = np.abs(np.random.default_rng(0).standard_normal((20, len(bound))) * bound).ravel()
     series = [("Cramér–Rao bound", normal, INK, (0, (4, 3)))]
     series += [
         (name, np.abs(comparison.errors[name][:, k]), _COLOURS[name], "-") for name in _COLOURS
@@ -61,7 +62,7 @@ def _shares(axes: Axes, comparison: Comparison, k: int) -> None:
     for name, values, colour, dashes in series:
         x = np.sort(np.where(np.isnan(values), np.inf, values))
         axes.plot(x, np.arange(1, len(x) + 1) / len(x), color=colour, ls=dashes, lw=1.6, label=name)
-    left = np.nanquantile(np.abs(comparison.errors[TUNER][:, k]), 0.03)
+    left = np.nanquantile(np.abs(comparison.errors[TUNER][:, k]), 0.05)
     right = np.nanquantile(np.abs(comparison.errors[NOMINAL][:, k]), 0.99)
     axes.set(xscale="log", xlim=(left, right), ylim=(0, 1))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))

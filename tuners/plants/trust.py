@@ -69,14 +69,15 @@ class Assessment:
 
     Attributes
     ----------
-    fit : Identified
-        The simulator beside the recordings.
+    gray_box, fit : Identified
+        The simulator beside the recordings: the prior's best plant, and the best of all.
     figures, spread : NDArray
         (B, f) figures of the gains with the fitted plants, and their standard deviations.
     findings : dict
         Name of a check to values (B,).
     """
 
+    gray_box: Identified
     fit: Identified
     figures: Array
     spread: Array
@@ -97,7 +98,8 @@ class Assessment:
 
 def assess(plant: Plant, model: Laguerre, u: Array, y: Array, gains: Array) -> Assessment:
     """Ask recordings (N,), (B, N) about gains (B, k), with a black box for comparison."""
-    fit = identify(plant, u, y)
+    gray_box = identify(plant, u, y)
+    fit = identify(plant, u, y, gray_box.theta)
     scale = np.array(list(plant.figures.values()))
     tiled = np.tile(gains, (2 * len(plant.prior), 1))
     with np.errstate(all="ignore"):
@@ -115,7 +117,7 @@ def assess(plant: Plant, model: Laguerre, u: Array, y: Array, gains: Array) -> A
             "spread": (spread / scale).max(axis=1),
             "unsolved": 1.0 - (fit.converged & np.isfinite(gains).all(axis=1)),
         }
-    return Assessment(fit, figures, spread, findings)
+    return Assessment(gray_box, fit, figures, spread, findings)
 
 
 def _misfit(plant: Plant, model: Laguerre, u: Array, y: Array, fit: Identified) -> Array:
