@@ -55,7 +55,7 @@ class Draw:
 def stream(
     root: int | tuple[int, ...], first: int, count: int, words: int = WORDS
 ) -> NDArray[np.uint64]:
-    """(count, words) of episodes ``first`` to ``first + count`` of the data set with seed `root`."""
+    """Words of episodes ``first`` to ``first + count`` of the data set with seed `root`."""
     return np.stack(
         [
             np.random.SeedSequence(root, spawn_key=(episode,)).generate_state(words, np.uint64)

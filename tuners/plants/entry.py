@@ -49,7 +49,10 @@ def find(entry: str | Plant, folder: Path | None = None) -> Plant:
 
 def from_toml(path: Path) -> Plant | None:
     """The plant that a TOML file names, found beside the file; None where it names none."""
-    content = tomllib.loads(path.read_text(encoding="utf-8"))
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ValueError(f"{path} is not TOML: {error}.") from None
     if "plant" not in content:
         return None
     table = content["plant"]

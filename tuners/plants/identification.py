@@ -99,7 +99,9 @@ def output_slopes(plant: Plant, theta: Array, u: Array | None = None) -> Array:
     return central(plant, theta, lambda t: plant.respond(t, u)).swapaxes(1, 2)
 
 
-def central(plant: Plant, theta: Array, function: Callable[[Array], Array], step: float = STEP) -> Array:
+def central(
+    plant: Plant, theta: Array, function: Callable[[Array], Array], step: float = STEP
+) -> Array:
     """Derivatives of ``function(theta)`` (B, m) to the parameters in widths, (B, m, p)."""
     B, p = theta.shape
     offsets = step * np.concatenate([np.eye(p), -np.eye(p)]) * np.subtract(*plant.ranges[::-1])

@@ -55,11 +55,10 @@ def _shares(axes: Axes, comparison: Comparison, k: int) -> None:
     bound = comparison.bound[:, k]
     # Errors on the bound are normal with each episode's own spread: their quantiles, mixed.
     normal = np.abs(np.random.default_rng(0).standard_normal((20, len(bound))) * bound).ravel()
-    series = [("Cramér–Rao bound", normal, INK, (0, (4, 3)))]
-    series += [
-        (name, np.abs(comparison.errors[name][:, k]), _COLOURS[name], "-") for name in _COLOURS
-    ]
-    for name, values, colour, dashes in series:
+    series = {"Cramér–Rao bound": (normal, INK, "--")}
+    for name, hue in _COLOURS.items():
+        series[name] = (np.abs(comparison.errors[name][:, k]), hue, "-")
+    for name, (values, colour, dashes) in series.items():
         x = np.sort(np.where(np.isnan(values), np.inf, values))
         axes.plot(x, np.arange(1, len(x) + 1) / len(x), color=colour, ls=dashes, lw=1.6, label=name)
     left = np.nanquantile(np.abs(comparison.errors[TUNER][:, k]), 0.05)

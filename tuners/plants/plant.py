@@ -59,7 +59,8 @@ class Plant:
     judge : callable, optional
         ``judge(theta, gains)``: parameters (B, p) and gains (B, k) to figures (B, f), by
         which gains are judged; ``nan`` where the loop is unstable, ``inf`` where it is stable
-        and a figure undefined.  What the design rule reaches is the target.  Without a judge the gains' relative errors are the figures.
+        and a figure undefined.  What the design rule reaches is the target.  Without a
+        judge the gains' relative errors are the figures.
     figures : dict
         The figures' names to the errors that count as one.
     coordinates : Coordinates
@@ -102,7 +103,8 @@ class Plant:
     @property
     def middle(self) -> Array:
         """(1, p) parameters in the middle of the prior."""
-        return np.asarray(sum(self.ranges)[None] / 2)
+        low, high = self.ranges
+        return np.asarray((low + high)[None] / 2)
 
     @property
     def search_limits(self) -> tuple[Array, Array]:
@@ -149,7 +151,9 @@ class Plant:
     def errors(self, theta: Array, gains: Array) -> Array:
         """Figures' distances from what the design rule reaches, (B, f), in units of their own."""
         scale = np.array(list(self.figures.values()))
-        return np.asarray((self.judged(theta, gains) - self.judged(theta, self.oracle(theta))) / scale)
+        return np.asarray(
+            (self.judged(theta, gains) - self.judged(theta, self.oracle(theta))) / scale
+        )
 
     def reward(self, theta: Array, gains: Array) -> Array:
         """Reward (B,) between -5 and 0, graded as the yaw-rate environment's is."""

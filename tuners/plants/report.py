@@ -1,8 +1,8 @@
 """From a plant to its results: train, compare, draw, write; what the examples run.
 
-    results/plants.json   figures of every plant that was run
-    results/plants.md     the same as tables
-    figures/NAME.png      one picture a plant
+results/plants.json   figures of every plant that was run
+results/plants.md     the same as tables
+figures/NAME.png      one picture a plant
 """
 
 import argparse
@@ -97,12 +97,12 @@ def table(name: str, part: dict[str, Any]) -> str:
     """One plant's results in Markdown."""
     figures = list(part["bound"])
     lines = [f"## {name}", ""]
-    lines += [f"| tuner | {' | '.join(f'rms error of {f} | / bound' for f in figures)} | unstable |"]
+    lines += [
+        f"| tuner | {' | '.join(f'rms error of {f} | / bound' for f in figures)} | unstable |"
+    ]
     lines += ["|---|" + "---:|" * (2 * len(figures) + 1)]
     for tuner, row in part["rows"].items():
-        cells = [
-            f"{row['rms'][f]:.3g} | {row['rms'][f] / part['bound'][f]:.2f}" for f in figures
-        ]
+        cells = [f"{row['rms'][f]:.3g} | {row['rms'][f] / part['bound'][f]:.2f}" for f in figures]
         lines.append(f"| {tuner} | {' | '.join(cells)} | {row['unstable']} |")
     cells = [f"{part['bound'][f]:.3g} | 1" for f in figures]
     lines.append(f"| Cramér–Rao bound | {' | '.join(cells)} | |")

@@ -53,7 +53,9 @@ def train(
         Called with what is being done, how far it is, and how far it goes.
     """
     recipe = recipe or recipe_for(plant)
-    count = validation.count("count", count or recipe.vehicles, at_least=50, remedy="Simulate more.")
+    count = validation.count(
+        "count", count or recipe.vehicles, at_least=50, remedy="Simulate more."
+    )
     seed = validation.count("seed", seed, at_least=0)
 
     def report(what: str) -> Callable[[int, int], None] | None:

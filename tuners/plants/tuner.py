@@ -18,6 +18,7 @@ from tuners.plants.black_box import sample
 from tuners.plants.plant import Plant
 from tuners.plants.trust import Assessment, Limits, assess
 from tuners.result import Check, Interval
+from tuners.trend import Trend
 from tuners.trust import GAUSSIAN
 from tuners.two_stage import LEARNERS
 from yawrate_env import validation
@@ -71,7 +72,7 @@ class PlantTuner:
         What it was trained for.
     compressor : FirstStage
         First stage.
-    learner : FeedForward or GBM
+    learner : FeedForward, GBM or Trend
         Second stage.
     black_box : Laguerre
         What the simulator is compared with.
@@ -88,7 +89,7 @@ class PlantTuner:
         self,
         plant: Plant,
         compressor: FirstStage,
-        learner: FeedForward | GBM,
+        learner: FeedForward | GBM | Trend,
         black_box: Laguerre,
         training: dict[str, Any],
         calibration: tuple[float, ...] = (),
@@ -257,7 +258,9 @@ def _check_unchanged(
     changed = [name for name, value in _settings(plant).items() if settings.get(name) != value]
     for name, now in _trial(plant).items() if not changed else ():
         then = arrays[f"trial.{name}"]
-        if then.shape != now.shape or not np.allclose(then, now, rtol=1e-6, atol=1e-12, equal_nan=True):
+        if then.shape != now.shape or not np.allclose(
+            then, now, rtol=1e-6, atol=1e-12, equal_nan=True
+        ):
             changed.append(name)
     if changed:
         raise model_file.ModelFileError(

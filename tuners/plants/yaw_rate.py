@@ -28,7 +28,7 @@ def yaw_rate(task: Task) -> Plant:
         )
 
     def discrete(theta: Array, Ts: float) -> DiscretePlant:
-        return plants(task.vehicle, Context.of(*theta.T, low), Ts)
+        return plants(task.vehicle, Context.of(theta[:, 0], theta[:, 1], low), Ts)
 
     vehicle = PILoop(discrete, task.experiment.Ts, task.target)
     return Plant(
