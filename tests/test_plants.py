@@ -244,7 +244,7 @@ def test_a_saved_tuner_answers_the_same(tuner, tested, tmp_path):
 @pytest.mark.parametrize(
     "change, words",
     [
-        ({"design": lambda t: 1.01 * design(t)}, "its design, judge, coordinates changed"),
+        ({"design": lambda t: 1.01 * design(t)}, "its design changed"),
         ({"simulate": lambda t, u, rng: 1.01 * simulate(t, u, rng)}, "its simulate changed"),
         ({"prior": {"K": (0.5, 2.1), "T": (0.2, 1.0)}}, "its prior changed"),
         ({"noise": 0.1}, "its noise changed"),

@@ -8,7 +8,10 @@ the pump's gain are unknown.  The tanks are filled from empty, by a switched pum
 trained tuner reads the gains of the level loop off the lower tank's level.
 """
 
+from math import sqrt
+
 import numpy as np
+from numba import njit
 
 from tuners import plants
 from yawrate_env.excitation import prbs
@@ -19,31 +22,36 @@ TS, N = 2.0, 600
 TAU_C = 20.0  # wanted time constant of the closed loop [s]
 
 
-def tanks(h, q, theta):
-    """Rates of both levels (2, B) [cm/s] for the pump's inflow q [cm3/s]."""
-    a1, a2, _ = theta.T
-    between, out = np.stack([a1, a2]) * np.sqrt(2 * G * np.maximum(h, 0.0))
-    return np.stack([q - between, between - out]) / AREA
+@njit
+def rates(h1, h2, inflow, a1, a2):
+    """Of both levels [cm/s]."""
+    between, out = a1 * sqrt(2 * G * max(h1, 0.0)), a2 * sqrt(2 * G * max(h2, 0.0))
+    return (inflow - between) / AREA, (between - out) / AREA
 
 
-def step(h, q, theta):
+@njit
+def step(h1, h2, inflow, a1, a2):
     """Levels one sample later, by two Runge-Kutta steps."""
     dt = TS / 2
     for _ in range(2):
-        k1 = tanks(h, q, theta)
-        k2 = tanks(h + dt / 2 * k1, q, theta)
-        k3 = tanks(h + dt / 2 * k2, q, theta)
-        k4 = tanks(h + dt * k3, q, theta)
-        h = np.maximum(h + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4), 0.0)
-    return h
+        k1, l1 = rates(h1, h2, inflow, a1, a2)
+        k2, l2 = rates(h1 + dt / 2 * k1, h2 + dt / 2 * l1, inflow, a1, a2)
+        k3, l3 = rates(h1 + dt / 2 * k2, h2 + dt / 2 * l2, inflow, a1, a2)
+        k4, l4 = rates(h1 + dt * k3, h2 + dt * l3, inflow, a1, a2)
+        h1 = max(h1 + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4), 0.0)
+        h2 = max(h2 + dt / 6 * (l1 + 2 * l2 + 2 * l3 + l4), 0.0)
+    return h1, h2
 
 
+@njit
 def simulate(theta, u, rng):
-    """Level of the lower tank [cm] after each sample of pump voltage [V]."""
-    h, y = np.zeros((2, len(theta))), np.empty((len(theta), len(u)))
-    for k, volts in enumerate(u):
-        y[:, k] = h[1]
-        h = step(h, theta[:, 2] * volts, theta)
+    """Level of the lower tank [cm] at each sample of pump voltage [V], from empty tanks."""
+    y = np.empty((len(theta), len(u)))
+    for i, (a1, a2, pump) in enumerate(theta):
+        h1 = h2 = 0.0
+        for k, volts in enumerate(u):
+            y[i, k] = h2
+            h1, h2 = step(h1, h2, pump * volts, a1, a2)
     return y
 
 
@@ -62,28 +70,24 @@ def design(theta):
     return np.stack([kp, np.minimum(lag, 4 * (TAU_C + delay))], axis=1)
 
 
+@njit
 def judge(theta, gains):
     """Rise time [s] and integrated error [cm s] after a step of 2 cm, with the nonlinear tanks."""
-    a1, a2, pump = theta.T
-    kp, Ti = gains.T
-    h = np.stack([LEVEL * (a2 / a1) ** 2, np.full_like(a1, LEVEL)])
-    integral = a2 * np.sqrt(2 * G * LEVEL) / pump
-    errors = []
-    for _ in range(150):
-        e = LEVEL + 2.0 - h[1]
-        volts = kp * e + integral
-        integral = integral + kp * TS / Ti * e
-        h = step(h, pump * np.clip(volts, 0.0, 12.0), theta)
-        errors.append(e)
-    errors = np.array(errors)
-    return np.stack([fall_time(errors, 0.2), TS * np.abs(errors).sum(axis=0)], axis=1)
-
-
-def fall_time(e, below):
-    """When errors (K, B) first fall below a value, between samples [s]."""
-    k = np.maximum((e < below).argmax(axis=0), 1)
-    before, after = (np.take_along_axis(e, i[None], 0)[0] for i in (k - 1, k))
-    return TS * (k - 1 + (before - below) / (before - after))
+    figures = np.empty((len(theta), 2))
+    for i, (a1, a2, pump) in enumerate(theta):
+        kp, Ti = gains[i]
+        h1, h2, integral = LEVEL * (a2 / a1) ** 2, LEVEL, a2 * sqrt(2 * G * LEVEL) / pump
+        before, rise, area = 2.0, np.inf, 0.0
+        for k in range(150):
+            e = LEVEL + 2.0 - h2
+            if e < 0.2 and rise == np.inf:  # passed 90 % since the sample before
+                rise = TS * (k - (0.2 - e) / (before - e))
+            before, area = e, area + TS * abs(e)
+            volts = min(max(kp * e + integral, 0.0), 12.0)
+            integral += kp * TS / Ti * e
+            h1, h2 = step(h1, h2, pump * volts, a1, a2)
+        figures[i] = rise, area
+    return figures
 
 
 plant = plants.Plant(

@@ -17,6 +17,7 @@ from yawrate_env.noise import KEY_WORDS
 
 Observation = NDArray[np.float32]
 
+_LARGEST = 1e30  # finite, as agents want it, and beyond any unit
 _PLANTS = 256
 _SPARE = 0.25  # of the range that the prior's plants need, on either side
 
@@ -46,7 +47,7 @@ class PlantEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     def __init__(self, plant: str | Plant) -> None:
         self.plant = find(plant)
         shape = (2, len(self.plant.u))
-        self.observation_space: Any = Box(-np.inf, np.inf, shape, dtype=np.float32)
+        self.observation_space: Any = Box(-_LARGEST, _LARGEST, shape, dtype=np.float32)
         self.action_space: Any = action_space(self.plant)
         self._theta: NDArray[np.float64] | None = None
         self._obs: Observation | None = None

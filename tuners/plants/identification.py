@@ -18,9 +18,10 @@ Array = NDArray[np.float64]
 
 STEP = 1e-4  # of a range, central
 _MAX_STEPS = 40
-_TOLERANCE = 1e-8
+_TOLERANCE = 1e-10
 _ROUNDING = 1e-20  # of the output's energy: without noise the cost ends here
 _LARGEST_STEP = 0.5
+_ROOM = 1e-9  # nearer than this to a limit is on it
 _DAMPING = 1e8  # beyond it no step helps
 
 
@@ -69,17 +70,15 @@ def identify(plant: Plant, u: Array, y: Array, start: Array | None = None) -> Id
     converged = np.zeros(len(y), dtype=np.bool_)
     active = np.arange(len(y))
     for _ in range(_MAX_STEPS):
-        now = theta[active]
-        step, promised = _step(
-            slopes[active], error[active], damping[active], now > low, now < high
-        )
+        room = [(theta[active] - low) / width > _ROOM, (high - theta[active]) / width > _ROOM]
+        step, promised = _step(slopes[active], error[active], damping[active], *room)
         done = promised <= _TOLERANCE * cost[active] + _ROUNDING * energy[active]
         converged[active[done]] = True
         keep = ~done & (damping[active] < _DAMPING)
         active, step = active[keep], step[keep]
         if not len(active):
             break
-        trial = np.clip(theta[active] + step * width, low, high)
+        trial = _within(theta[active], step * width, low, high)
         output = plant.respond(trial, u)
         found = ((y[active] - output) ** 2).sum(axis=1)
         better = found < cost[active]  # not where the simulator gave nan
@@ -136,6 +135,14 @@ def _step(
     promised = (step * slope).sum(axis=1)
     largest = np.abs(step).max(axis=1, keepdims=True)
     return step * np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300)), promised
+
+
+def _within(theta: Array, step: Array, low: Array, high: Array) -> Array:
+    """Parameters after steps (B, p), each as far as the first limit that it meets."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        room = np.where(step > 0, high - theta, low - theta) / step
+    fraction = np.where(step == 0, 1.0, room).min(axis=1, keepdims=True)
+    return np.clip(theta + np.minimum(fraction, 1.0) * step, low, high)
 
 
 def _inverse(slopes: Array) -> Array:
