@@ -91,9 +91,7 @@ def test_mistakes_are_named(do, words):
 
 def test_several_run_side_by_side():
     kwargs = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    envs = gymnasium.make_vec(
-        yawrate_env.PLANT_ID, 3, "sync", plant=ENTRY, vector_kwargs=kwargs
-    )
+    envs = gymnasium.make_vec(yawrate_env.PLANT_ID, 3, "sync", plant=ENTRY, vector_kwargs=kwargs)
     obs, _ = envs.reset(seed=5)
     np.testing.assert_array_equal(obs[1], make().reset(seed=6)[0])
     _, reward, terminated, *_ = envs.step(envs.action_space.sample())
@@ -147,7 +145,9 @@ def test_from_a_toml_file_to_trusted_gains(tmp_path):
     code, out, _ = call("tune", log, "--tuner", tuner)
     assert code == 0 and "Trusted" in out
 
-    log.write_text("\n".join(["t,u,y", *(f"{k * 0.02:.2f},{U[k]},{-y[k]:.5f}" for k in range(500))]))
+    log.write_text(
+        "\n".join(["t,u,y", *(f"{k * 0.02:.2f},{U[k]},{-y[k]:.5f}" for k in range(500))])
+    )
     code, out, _ = call("tune", log, "--tuner", tuner)
     assert code == 3 and "NOT TRUSTED" in out and "Best for every plant" in out
 

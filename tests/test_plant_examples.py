@@ -94,3 +94,18 @@ def test_an_examples_file_alone_gives_table_and_picture(name, tmp_path):
     assert part["episodes"] == 20 and part["training"]["plants"] == 60
     assert (tmp_path / "results" / "plants.md").read_text().count("## ") == 1
     assert (tmp_path / "figures" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_twenty_lines_of_the_guide_run(tmp_path):
+    text = (ROOT / "docs" / "plants.md").read_text()
+    code = text.partition("```python\n")[2].partition("```")[0]
+    assert sum(bool(line.strip()) for line in code.splitlines()[1:]) <= 20
+    (tmp_path / "my_plant.py").write_text(code)
+    plant = find("my_plant:plant", tmp_path)
+    np.testing.assert_allclose(plant.oracle(np.array([[2.0, 0.6]])), [[1.0, 0.6]])
+
+
+def test_the_guides_tables_are_the_results():
+    guide, results = ((ROOT / folder / "plants.md").read_text() for folder in ("docs", "results"))
+    rows = [line for line in results.splitlines() if line.startswith("|")]
+    assert len(rows) > 12 and set(rows) <= set(guide.splitlines())

@@ -84,15 +84,13 @@ def test_the_yaw_rate_plant_is_the_environments(plant):
 def test_the_generic_gray_box_and_bound_are_the_native_ones(plant):
     draw = CONTEXT_SETS["test"].draw(TASK.prior, 0, 0, 12)
     theta = np.stack([draw.context.mu_s, draw.context.M_delta], axis=1)
-    np.testing.assert_allclose(
-        cramer_rao(plant, theta), bound.cramer_rao(TASK, draw), rtol=2e-3
-    )
+    np.testing.assert_allclose(cramer_rao(plant, theta), bound.cramer_rao(TASK, draw), rtol=2e-3)
     y = plant.record(theta, draw.key, None)
     native = native_identify(
         TASK.vehicle, Recording(plant.u[None], y, TASK.experiment.Ts),
         nominal_context(TASK.prior), draw.context.v_x,
     )  # fmt: skip
-    found = identify(plant, plant.u, y, theta)
+    found = identify(plant, plant.u, y, theta, beyond=True)
     scale = [0.8, 300.0]
     known = np.stack([native.context.mu_s, native.context.M_delta], axis=1)
     inside = (known >= plant.search_limits[0]).all(axis=1)

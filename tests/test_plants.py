@@ -173,7 +173,10 @@ def test_rewards_grade_and_unstable_loops_earn_least():
         ({"noise": -1.0}, "noise = -1"),
         ({"simulate": by_one(simulate)}, "batched=False"),
         ({"simulate": lambda t, u, rng: simulate(t, u, rng)[:, 1:]}, r"wanted \(2, 500\)"),
-        ({"simulate": lambda t, u, rng: simulate(t, u, rng) * np.nan}, "simulate in the prior's middle"),
+        (
+            {"simulate": lambda t, u, rng: simulate(t, u, rng) * np.nan},
+            "simulate in the prior's middle",
+        ),
         ({"simulate": lambda t, u, rng: np.random.default_rng().normal(size=(2, 500))}, "random"),
         ({"design": lambda t: -design(t)}, "coordinates of your own"),
         ({"judge": judged_unstable}, "belong together"),

@@ -2,7 +2,7 @@
 
     python examples/plants/dc_motor.py
 
-The load's inertia and friction are unknown.  One second of switched voltage is recorded,
+The load's inertia and friction are unknown.  Two seconds of switched voltage is recorded,
 and a trained tuner reads the gains off it.
 """
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from tuners.plants.bound import cramer_rao
 from tuners.plants.data import episodes
+from tuners.plants.identification import identify
 from tuners.plants.plant import Plant
 from tuners.plants.trust import Limits
 from tuners.plants.tuner import PlantTuner
@@ -14,7 +15,8 @@ from yawrate_env.batch import concatenate
 
 Array = NDArray[np.float64]
 
-TUNER, GRAY_BOX, NOMINAL, ORACLE = "two-stage", "gray box", "nominal", "oracle"
+TUNER, GRAY_BOX, SEVERAL = "two-stage", "gray box", "gray box, 5 starts"
+NOMINAL, ORACLE = "nominal", "oracle"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +55,7 @@ class Comparison:
 class _Block:
     tuner: Array
     gray_box: Array
+    several: Array
     nominal: Array
     bound: Array
     trusted: NDArray[np.bool_]
@@ -63,7 +66,8 @@ class _Block:
 def compare(tuner: PlantTuner, count: int, seed: int) -> Comparison:
     """Tune the first `count` episodes of the ``test`` set with everything there is.
 
-    The gray box is the plant's own simulator, fitted within the prior.
+    The gray box is the plant's own simulator, fitted within the prior from its middle, or
+    from several places.
     """
     plant = tuner.plant
     rows = concatenate(
@@ -72,6 +76,7 @@ def compare(tuner: PlantTuner, count: int, seed: int) -> Comparison:
     errors = {
         TUNER: rows.tuner,
         GRAY_BOX: rows.gray_box,
+        SEVERAL: rows.several,
         NOMINAL: rows.nominal,
         ORACLE: np.where(np.isnan(rows.bound), np.nan, 0.0),
     }
@@ -81,17 +86,18 @@ def compare(tuner: PlantTuner, count: int, seed: int) -> Comparison:
 def _judged(tuner: PlantTuner, theta: Array, y: Array) -> _Block:
     plant: Plant = tuner.plant
     gains = tuner.gains(plant.u[None], y)
-    found = tuner.assess(plant.u, y, gains)
+    found, gray_box = tuner.assess(plant.u, y, gains), identify(plant, plant.u, y)
     actual, right = plant.judged(theta, gains), plant.judged(theta, plant.oracle(theta))
     half = np.array(tuner.calibration) * found.spread
     nominal = np.repeat(plant.oracle(plant.middle), len(theta), axis=0)
     with np.errstate(invalid="ignore"):
         return _Block(
             actual - right,
+            plant.judged(theta, plant.oracle(gray_box.theta)) - right,
             plant.judged(theta, plant.oracle(found.gray_box.theta)) - right,
             plant.judged(theta, nominal) - right,
             cramer_rao(plant, theta),
             found.trusted(Limits()),
-            found.gray_box.converged,
+            gray_box.converged,
             np.abs(actual - found.figures) <= half,
         )

@@ -12,11 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.plants.black_box import sample
 from tuners.plants.plant import Plant
+from yawrate_env.batch import replaced, take
 
 Array = NDArray[np.float64]
 
 STEP = 1e-4  # of a range, central
+_OTHER_STARTS = 4
 _MAX_STEPS = 40
 _TOLERANCE = 1e-10
 _ROUNDING = 1e-20  # of the output's energy: without noise the cost ends here
@@ -50,17 +53,31 @@ class Identified:
     converged: NDArray[np.bool_]
 
 
-def identify(plant: Plant, u: Array, y: Array, start: Array | None = None) -> Identified:
+def identify_from_several(plant: Plant, u: Array, y: Array) -> Identified:
+    """The best of `identify` from the prior's middle and from other places in it."""
+    best = identify(plant, u, y)
+    for theta in sample(plant, _OTHER_STARTS):
+        found = identify(plant, u, y, np.tile(theta, (len(y), 1)))
+        better = (found.residual**2).sum(axis=1) < (best.residual**2).sum(axis=1)
+        rows = np.flatnonzero(better)
+        best = replaced(best, rows, take(found, rows))
+    return best
+
+
+def identify(
+    plant: Plant, u: Array, y: Array, start: Array | None = None, *, beyond: bool = False
+) -> Identified:
     """Find the parameters behind outputs (B, N) of one input (N,).
 
     Parameters
     ----------
     start : (B, p) float64, optional
-        Parameters from which the search goes on beyond the prior, to the plant's search
-        limits.  Without them it starts in the middle of the prior and stays within; what
-        leaves it at once may end in a minimum that is none of the prior's.
+        Where the search starts, if not in the middle of the prior.
+    beyond : bool
+        Whether it may leave the prior, to the plant's search limits.  What does so at once
+        may end in a minimum that is none of the prior's.
     """
-    low, high = plant.ranges if start is None else plant.search_limits
+    low, high = plant.search_limits if beyond else plant.ranges
     width = np.subtract(*plant.ranges[::-1])
     theta = np.tile(plant.middle, (len(y), 1)) if start is None else start.copy()
     simulated = plant.respond(theta, u)
@@ -142,7 +159,7 @@ def _within(theta: Array, step: Array, low: Array, high: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         room = np.where(step > 0, high - theta, low - theta) / step
     fraction = np.where(step == 0, 1.0, room).min(axis=1, keepdims=True)
-    return np.clip(theta + np.minimum(fraction, 1.0) * step, low, high)
+    return np.asarray(np.clip(theta + np.minimum(fraction, 1.0) * step, low, high))
 
 
 def _inverse(slopes: Array) -> Array:

@@ -34,8 +34,8 @@ def overview(plant: Plant, y: Array, simulated: Array, comparison: Comparison) -
         above.set(ylabel=_label(plant.signals[0]), ymargin=0.2, xlim=(0, t[-1]))
         above.tick_params(labelbottom=False)
         below = picture.add_subplot(grid[1, :], sharex=above)
-        below.plot(t, y, color=NOISE, lw=0.8, label="recorded")
-        below.plot(t, simulated, color=INK, lw=1.2, label="plant found in it")
+        below.plot(t, y, color=NOISE, lw=2.4, label="recorded")
+        below.plot(t, simulated, color=INK, lw=0.9, label="plant found in it")
         below.set(ylabel=_label(plant.signals[1]), xlabel="time [s]", ymargin=0.1)
         above.legend(*below.get_legend_handles_labels(), loc="lower right", ncols=2,
                      bbox_to_anchor=(1, 1), frameon=False)  # fmt: skip
@@ -45,7 +45,7 @@ def overview(plant: Plant, y: Array, simulated: Array, comparison: Comparison) -
             axes.set_xlabel(f"error of {name}")
             if k == 0:
                 axes.set_ylabel("share of test plants within")
-                axes.legend(loc="lower right", frameon=True, framealpha=0.9, edgecolor="none")
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, frameon=False)
         picture.align_ylabels()
     return picture
 

@@ -12,7 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from tuners.plants.data import episodes
-from tuners.plants.evaluation import GRAY_BOX, NOMINAL, ORACLE, TUNER, Comparison, compare
+from tuners.plants.evaluation import (
+    GRAY_BOX,
+    NOMINAL,
+    ORACLE,
+    SEVERAL,
+    TUNER,
+    Comparison,
+    compare,
+)
 from tuners.plants.pictures import overview
 from tuners.plants.plant import Plant
 from tuners.plants.training import train
@@ -79,7 +87,7 @@ def _part(tuner: PlantTuner, comparison: Comparison) -> dict[str, Any]:
             "rms": dict(zip(plant.figures, comparison.rms(name).tolist(), strict=True)),
             "unstable": comparison.unstable(name),
         }
-        for name in (TUNER, GRAY_BOX, NOMINAL, ORACLE)
+        for name in (TUNER, GRAY_BOX, SEVERAL, NOMINAL, ORACLE)
     }
     least = ((bound**2).mean(axis=0) ** 0.5).tolist()
     return {

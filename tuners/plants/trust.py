@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tuners.laguerre import Laguerre
 from tuners.plants.black_box import unexplained
-from tuners.plants.identification import Identified, central, identify
+from tuners.plants.identification import Identified, central, identify, identify_from_several
 from tuners.plants.plant import Plant
 from tuners.result import Check
 
@@ -98,8 +98,8 @@ class Assessment:
 
 def assess(plant: Plant, model: Laguerre, u: Array, y: Array, gains: Array) -> Assessment:
     """Ask recordings (N,), (B, N) about gains (B, k), with a black box for comparison."""
-    gray_box = identify(plant, u, y)
-    fit = identify(plant, u, y, gray_box.theta)
+    gray_box = identify_from_several(plant, u, y)
+    fit = identify(plant, u, y, gray_box.theta, beyond=True)
     scale = np.array(list(plant.figures.values()))
     tiled = np.tile(gains, (2 * len(plant.prior), 1))
     with np.errstate(all="ignore"):
