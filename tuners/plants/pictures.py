@@ -45,7 +45,8 @@ def overview(plant: Plant, y: Array, simulated: Array, comparison: Comparison) -
             axes.set_xlabel(f"error of {name}")
             if k == 0:
                 axes.set_ylabel("share of test plants within")
-        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, frameon=False)
+        names = axes.get_legend_handles_labels()
+        picture.legend(*names, loc="outside lower center", ncols=4, frameon=False)
         picture.align_ylabels()
     return picture
 
