@@ -173,6 +173,8 @@ def shipped(name: str) -> Path:
 def from_file(path: str | os.PathLike[str]) -> Tuner:
     """Read a tuner that `Tuner.save` wrote."""
     settings, arrays = model_file.read(path)
+    if settings.get("kind") == "plant":
+        raise model_file.ModelFileError(f"{path} is for a plant. Use tuners.plants.load.")
     known: tuple[type[Tuner], ...] = (*UNTRAINED.values(), TwoStage, RLTuner)
     kinds = {cls.kind: cls for cls in known}
     try:

@@ -311,11 +311,16 @@ def _twin_fit(found: Assessment) -> TwinFit:
 def calibrated(
     predicted: Array, spread: Array, actual: Array, seed: int, level: float = LEVEL
 ) -> Calibration:
-    """Split conformal factors from calibration episodes, (E, 2) each.
+    """Calibration from as many episodes as there are rows, (E, 2) each."""
+    factors = conformal(predicted, spread, actual, level)
+    return Calibration(float(factors[0]), float(factors[1]), len(actual), seed)
+
+
+def conformal(predicted: Array, spread: Array, actual: Array, level: float = LEVEL) -> Array:
+    """Split conformal factors (f,) from calibration episodes, (E, f) each.
 
     The factor is the ceil((E + 1) level)-th smallest scaled error, which makes intervals
     hold with probability `level` or more whatever the errors' distribution.
     """
     scores = np.sort(np.abs(actual - predicted) / spread, axis=0)
-    rank = int(np.ceil((len(scores) + 1) * level)) - 1
-    return Calibration(float(scores[rank, 0]), float(scores[rank, 1]), len(scores), seed)
+    return np.asarray(scores[int(np.ceil((len(scores) + 1) * level)) - 1])

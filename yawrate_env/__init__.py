@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 ENV_ID = "yawrate/PITuning-v0"
 NONLINEAR_ID = "yawrate/PITuningNonlinear-v0"
 FEATURES_ID = "yawrate/PITuningFeatures-v0"
+PLANT_ID = "yawrate/Plant-v0"
 
 if ENV_ID not in registry:
     register(
@@ -34,3 +35,6 @@ if FEATURES_ID not in registry:
         entry_point="tuners.wrappers:features_env",
         vector_entry_point="tuners.wrappers:features_vector_env",
     )
+
+if PLANT_ID not in registry:
+    register(id=PLANT_ID, entry_point="tuners.plants.env:PlantEnv")

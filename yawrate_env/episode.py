@@ -43,7 +43,7 @@ class Draw:
     @classmethod
     def of(cls, words: NDArray[np.uint64], prior: Prior) -> Self:
         """Turn (B, WORDS) random words into episodes of the prior."""
-        unit = (words[:, :3] >> np.uint64(11)) * 2.0**-53
+        unit = uniform(words[:, :3])
         low, high = np.array([prior.mu_s, prior.M_delta, prior.v_x]).T
         context = Context(*(low + (high - low) * unit).T.copy())
         return cls(context, words[:, 3], words[:, 4:])
@@ -52,14 +52,21 @@ class Draw:
         return len(self.context)
 
 
-def stream(root: int | tuple[int, ...], first: int, count: int) -> NDArray[np.uint64]:
+def stream(
+    root: int | tuple[int, ...], first: int, count: int, words: int = WORDS
+) -> NDArray[np.uint64]:
     """Words of episodes ``first`` to ``first + count`` of the data set with seed `root`."""
     return np.stack(
         [
-            np.random.SeedSequence(root, spawn_key=(episode,)).generate_state(WORDS, np.uint64)
+            np.random.SeedSequence(root, spawn_key=(episode,)).generate_state(words, np.uint64)
             for episode in range(first, first + count)
         ]
     )
+
+
+def uniform(words: NDArray[np.uint64]) -> NDArray[np.float64]:
+    """Random words to numbers in [0, 1)."""
+    return np.asarray((words >> np.uint64(11)) * 2.0**-53)
 
 
 def plants(vehicle: Vehicle, context: Context, Ts: float) -> DiscretePlant:

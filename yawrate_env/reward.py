@@ -37,6 +37,11 @@ def reward(
     target: Target,
 ) -> NDArray[np.float64]:
     """Reward of B loops, between -5 and 0."""
-    e = margin_error(phase_margin, crossover, target)
-    graded = np.where(np.isfinite(e), WORST_STABLE * e / (e - WORST_STABLE), WORST_STABLE)
-    return np.where(stable, graded, UNSTABLE)
+    return np.where(stable, graded(margin_error(phase_margin, crossover, target)), UNSTABLE)
+
+
+def graded(e: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Reward of stable loops with scaled errors `e`, not finite where there is none."""
+    finite = np.isfinite(e)
+    e = np.where(finite, e, 0.0)
+    return np.where(finite, WORST_STABLE * e / (e - WORST_STABLE), WORST_STABLE)

@@ -50,8 +50,8 @@ def as_json(result: TuningResult, log: Log, task: Task, tuner: str) -> dict[str,
             "snr_db": fit.snr_db,
         },
     }
-    plain: dict[str, Any] = _plain(answer)
-    return plain
+    values: dict[str, Any] = plain(answer)
+    return values
 
 
 def as_text(result: TuningResult, log: Log, task: Task) -> str:
@@ -86,11 +86,12 @@ def described(log: Log) -> str:
     )
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Tuples, NumPy's numbers and those that are not finite, as JSON knows them."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -9,6 +9,7 @@ import click
 import numpy as np
 
 from tuners import model_file, vehicle_file
+from tuners.cli import plant
 from tuners.cli.example import example
 from tuners.cli.files import READABLE, Output
 from tuners.cli.numbers import COUNT
@@ -27,16 +28,16 @@ CALIBRATION = 3000
 
 
 @click.command(epilog=example("yawrate train --vehicle car.toml -o car.tuner"))
-@click.option("--vehicle", type=READABLE, help="A vehicle's TOML file. [default: the paper's]")
+@click.option(
+    "--vehicle", type=READABLE, help="A vehicle's TOML file, or a plant's. [default: the paper's]"
+)
 @click.option(
     "-o", "--out", type=Output(model_file.SUFFIX), required=True, help="Tuner to write, *.tuner."
 )
 @click.option(
     "--episodes",
     type=COUNT,
-    default=VEHICLES,
-    show_default=True,
-    help="Simulated vehicles.",
+    help=f"Simulated vehicles or plants. [default: {VEHICLES}; 1000 plants]",
 )
 @click.option(
     "--seed",
@@ -45,20 +46,28 @@ CALIBRATION = 3000
     show_default=True,
     help="Of the random vehicles.",
 )
-def command(vehicle: Path | None, out: Path, episodes: int, seed: int) -> None:
+def command(vehicle: Path | None, out: Path, episodes: int | None, seed: int) -> None:
     """Train a tuner for a vehicle, and say how accurate it is.
 
     Its margins' errors on simulated vehicles that no training saw are printed beside the
     Cramér-Rao bound, the least that any unbiased tuner can reach.
+
+    A plant of your own is one line of TOML, entry = "module:attribute" in [plant]; the
+    module is found beside the file.
     """
     import tuners
     from tuners.calibration import calibrate
+    from tuners.plants.entry import from_toml
     from tuners.progress import Bars
 
+    own = None if vehicle is None else from_toml(vehicle)
+    if own is not None:
+        click.echo(f"{out}: {plant.train(own, out, episodes, seed)}")
+        return
     task = Task() if vehicle is None else vehicle_file.read(vehicle)
     recipe = replace(tuners.RECIPES[RECIPE], learner=LEARNER, noise_draws=NOISE_DRAWS)
     with Bars() as bars:
-        tuner = tuners.train(recipe, task, episodes=episodes, seed=seed, progress=bars)
+        tuner = tuners.train(recipe, task, episodes=episodes or VEHICLES, seed=seed, progress=bars)
         calibrate(tuner, episodes=CALIBRATION, seed=seed, progress=partial(bars, "calibrating"))
     tuner.save(out)
     click.echo(f"{out}: {accuracy(tuner, task, seed)}")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tuners.cli import answer
+from tuners.cli import answer, plant
 from tuners.cli.example import example
 from tuners.cli.files import READABLE, Output
 from tuners.cli.log_options import log_options
@@ -36,10 +36,15 @@ def command(
 
     LOG is CSV, MATLAB (any version), Parquet or MDF4.  Columns called t, steer, yaw_rate
     and speed, or much like it, are found without flags.  Of a long log the best-excited
-    stretch is used.
+    stretch is used.  With the tuner of a plant of your own the columns are t, u and y, or
+    what the plant calls its signals.
 
     Exit status: 0 trusted, 3 not trusted, 1 unusable data, 2 wrong usage.
     """
+    if plant.is_plants(tuner):
+        if report is not None or options != Options():
+            raise click.UsageError("A plant's log has no flags, and no report. Leave them out.")
+        sys.exit(0 if plant.tune(tuner, log, machine) else UNTRUSTED)
     trained = loaded(tuner)
     try:
         recording = read_log(log, trained.task, options)

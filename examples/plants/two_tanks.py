@@ -1,0 +1,110 @@
+"""Two tanks in series: a PI level loop for a nonlinear process with unknown outlets.
+
+    python examples/plants/two_tanks.py
+
+Water is pumped into the upper tank, runs through its outlet into the lower one, and
+through that one's outlet away (Torricelli's law, flow a sqrt(2 g h)).  The outlets' areas and
+the pump's gain are unknown.  The tanks are filled from empty, by a switched pump, and a
+trained tuner reads the gains of the level loop off the lower tank's level.
+"""
+
+from math import sqrt
+
+import numpy as np
+from numba import njit
+
+from tuners import plants
+from yawrate_env.excitation import prbs
+
+AREA, G = 30.0, 981.0  # cross sections [cm2], gravity [cm/s2]
+LEVEL = 10.0  # lower tank, where the loop shall work [cm]
+TS, N = 2.0, 600
+TAU_C = 20.0  # wanted time constant of the closed loop [s]
+
+
+@njit
+def rates(h1, h2, inflow, a1, a2):
+    """Of both levels [cm/s]."""
+    between, out = a1 * sqrt(2 * G * max(h1, 0.0)), a2 * sqrt(2 * G * max(h2, 0.0))
+    return (inflow - between) / AREA, (between - out) / AREA
+
+
+@njit
+def step(h1, h2, inflow, a1, a2):
+    """Levels one sample later, by two Runge-Kutta steps."""
+    dt = TS / 2
+    for _ in range(2):
+        k1, l1 = rates(h1, h2, inflow, a1, a2)
+        k2, l2 = rates(h1 + dt / 2 * k1, h2 + dt / 2 * l1, inflow, a1, a2)
+        k3, l3 = rates(h1 + dt / 2 * k2, h2 + dt / 2 * l2, inflow, a1, a2)
+        k4, l4 = rates(h1 + dt * k3, h2 + dt * l3, inflow, a1, a2)
+        h1 = max(h1 + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4), 0.0)
+        h2 = max(h2 + dt / 6 * (l1 + 2 * l2 + 2 * l3 + l4), 0.0)
+    return h1, h2
+
+
+@njit
+def simulate(theta, u, rng):
+    """Level of the lower tank [cm] at each sample of pump voltage [V], from empty tanks."""
+    y = np.empty((len(theta), len(u)))
+    for i, (a1, a2, pump) in enumerate(theta):
+        h1 = h2 = 0.0
+        for k, volts in enumerate(u):
+            y[i, k] = h2
+            h1, h2 = step(h1, h2, pump * volts, a1, a2)
+    return y
+
+
+def design(theta):
+    """SIMC rule (Skogestad, 2003) for the process linearised at the wanted level.
+
+    Two lags T1 > T2 count as one of T1 + T2/2 with a delay of T2/2 (the half rule).
+    """
+    a1, a2, pump = theta.T
+    h = np.stack([LEVEL * (a2 / a1) ** 2, np.full_like(a1, LEVEL)])
+    lags = AREA / np.stack([a1, a2]) * np.sqrt(2 * h / G)
+    T1, T2 = lags.max(axis=0), lags.min(axis=0)
+    gain = pump * lags[1] / AREA  # cm a volt: every inflow leaves through the second outlet
+    lag, delay = T1 + T2 / 2, T2 / 2
+    kp = lag / (gain * (TAU_C + delay))
+    return np.stack([kp, np.minimum(lag, 4 * (TAU_C + delay))], axis=1)
+
+
+@njit
+def judge(theta, gains):
+    """Rise time [s] and integrated error [cm s] after a step of 2 cm, with the nonlinear tanks."""
+    figures = np.empty((len(theta), 2))
+    for i, (a1, a2, pump) in enumerate(theta):
+        kp, Ti = gains[i]
+        h1, h2, integral = LEVEL * (a2 / a1) ** 2, LEVEL, a2 * sqrt(2 * G * LEVEL) / pump
+        before, rise, area = 2.0, np.inf, 0.0
+        for k in range(150):
+            e = LEVEL + 2.0 - h2
+            if e < 0.2 and rise == np.inf:  # passed 90 % since the sample before
+                rise = TS * (k - (0.2 - e) / (before - e))
+            before, area = e, area + TS * abs(e)
+            volts = min(max(kp * e + integral, 0.0), 12.0)
+            integral += kp * TS / Ti * e
+            h1, h2 = step(h1, h2, pump * volts, a1, a2)
+        figures[i] = rise, area
+    return figures
+
+
+plant = plants.Plant(
+    prior={"a1": (0.3, 0.5), "a2": (0.3, 0.5), "pump": (8.0, 12.0)},  # cm2, cm2, cm3/(s V)
+    simulate=simulate,
+    design=design,
+    judge=judge,
+    gains=("kp", "Ti"),
+    figures={"rise time [s]": 5.0, "integrated error [cm s]": 5.0},
+    u=5.0 + prbs(N, TS, bit_time=40.0, amplitude=2.0)[0],
+    Ts=TS,
+    noise=0.1,  # cm
+    signals=("pump [V]", "lower level [cm]"),
+    entry="two_tanks:plant",
+)
+
+if __name__ == "__main__":
+    from tuners.plants.report import main
+
+    main(plant)

@@ -1,0 +1,24 @@
+"""Two-stage tuners for any plant: a prior, a simulator and a design rule are enough.
+
+``plants.Plant`` describes one, ``plants.train(plant)`` gives a tuner for it,
+``plants.load(file)`` reads one back.  `docs/plants.md` is the guide.
+"""
+
+from tuners.plants.coordinates import LOG, Coordinates, loop
+from tuners.plants.entry import find
+from tuners.plants.plant import Plant, snr
+from tuners.plants.training import train
+from tuners.plants.tuner import PlantResult, PlantTuner, load
+
+__all__ = [
+    "LOG",
+    "Coordinates",
+    "Plant",
+    "PlantResult",
+    "PlantTuner",
+    "find",
+    "load",
+    "loop",
+    "snr",
+    "train",
+]

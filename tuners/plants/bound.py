@@ -1,0 +1,30 @@
+"""The Cramér-Rao bound on a plant's figures, by differences.
+
+As in `tuners.bound`: whoever estimates the parameters without bias from an experiment
+with white noise, designs with the estimate and closes the loop around the true plant
+spreads the figures by at least ``J F^-1 J^T``, with J the derivative of "design with
+theta', judge with theta".
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.plants.identification import central, covariance_of, output_slopes
+from tuners.plants.plant import Plant
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-3  # of a range: figures may come from a simulation's samples
+
+
+def parameter_covariance(plant: Plant, theta: Array) -> Array:
+    """Least covariance of the parameters, in widths of their ranges, (B, p, p)."""
+    return covariance_of(output_slopes(plant, theta), plant.sigma(plant.respond(theta)))
+
+
+def cramer_rao(plant: Plant, theta: Array) -> Array:
+    """Least standard deviations of the figures (B, f) for plants (B, p)."""
+    tiled = np.tile(theta, (2 * theta.shape[1], 1))
+    J = central(plant, theta, lambda t: plant.judged(tiled, plant.oracle(t)), _STEP)
+    variance = np.einsum("bij,bjk,bik->bi", J, parameter_covariance(plant, theta), J)
+    return np.asarray(np.sqrt(variance))

@@ -1,0 +1,72 @@
+"""Where a plant's description is found again: ``module:attribute``, or a TOML file that says so.
+
+    [plant]
+    entry = "dc_motor:plant"
+
+A plant is code, which a saved tuner does not hold: it names the entry, and keeps what the
+plant answered to a trial so that a description that changed since is noticed.
+"""
+
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+from tuners.plants.plant import Plant
+
+_FORM = 'Write it as "module:attribute", for example "my_plant:plant".'
+
+
+def find(entry: str | Plant, folder: Path | None = None) -> Plant:
+    """The plant at an entry point; modules in `folder` are found too.
+
+    Importing a module runs it: name only what you would run.
+    """
+    if isinstance(entry, Plant):
+        return entry
+    name, colon, attribute = str(entry).partition(":")
+    if not colon or not all(part.isidentifier() for part in (*name.split("."), attribute)):
+        raise ValueError(f"entry = {entry!r} is no entry point. {_FORM}")
+    with _importable(folder):
+        try:
+            module = import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name != name.split(".")[0] and error.name != name:
+                raise
+            raise ValueError(
+                f"entry = {entry!r}: there is no module {name!r}. "
+                "Run from the folder where it is, or add that to PYTHONPATH."
+            ) from None
+    found = getattr(module, attribute, None)
+    if not isinstance(found, Plant):
+        what = "has no such attribute" if found is None else f"holds a {type(found).__name__}"
+        raise ValueError(f"entry = {entry!r}: {name} {what}, wanted a tuners.plants.Plant.")
+    return found if found.entry == entry else replace(found, entry=entry)
+
+
+def from_toml(path: Path) -> Plant | None:
+    """The plant that a TOML file names, found beside the file; None where it names none."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ValueError(f"{path} is not TOML: {error}.") from None
+    if "plant" not in content:
+        return None
+    table = content["plant"]
+    if not isinstance(table, dict) or set(table) != {"entry"}:
+        raise ValueError(f'{path}: [plant] must hold entry = "module:attribute" and nothing else.')
+    return find(table["entry"], path.parent)
+
+
+@contextmanager
+def _importable(folder: Path | None) -> Iterator[None]:
+    """Find modules in `folder` and in the working folder, as ``python -m`` does."""
+    before = list(sys.path)
+    sys.path[:0] = [str(f.resolve()) for f in (folder, Path()) if f is not None]
+    try:
+        yield
+    finally:
+        sys.path[:] = before
