@@ -65,7 +65,7 @@ def test_what_is_predicted_is_what_happens(name):
 def test_one_answer_is_put_in_words():
     result = tuners.load("nominal").tune(RECORDING.u[0], RECORDING.y[0], 0.001)
     assert not result.trusted and not all(check.passed for check in result.checks)
-    assert any("miss the wanted" in reason for reason in result.reasons)
+    assert any("miss the target" in reason for reason in result.reasons)
     assert result.phase_margin.low < result.phase_margin.value < result.phase_margin.high
     assert result.fit.from_rest and 28 < result.fit.snr_db < 32
     np.testing.assert_allclose(result.fit.measured, RECORDING.y[0], atol=1e-12)

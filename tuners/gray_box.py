@@ -18,6 +18,11 @@ class GrayBox(Tuner):
     kind: ClassVar[str] = "gray-box"
     any_experiment = True
 
+    @property
+    def speed_range(self) -> tuple[float, float]:
+        """Any: the equations of motion know what speed does."""
+        return 0.0, np.inf
+
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Design for the identified vehicles."""
         found = identify(

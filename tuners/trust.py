@@ -171,6 +171,7 @@ def assess(
     design: Design,
     converged: NDArray[np.bool_],
     v_x: Array,
+    speeds: tuple[float, float],
 ) -> Assessment:
     """Ask the recordings about gains.
 
@@ -188,15 +189,16 @@ def assess(
         Whether the tuner did.
     v_x : (B,) float64
         Speeds [m/s].
+    speeds : tuple of float
+        For which the tuner was made [m/s].
     """
     twins = fit(task, nominal, model, recording.y, v_x)
     with np.errstate(all="ignore"):
         margins, spread = _margins(task, twins, design)
         target = np.array([task.target.phase_margin, task.target.crossover])
         error = np.abs(margins - target)
-        low, high = task.prior.v_x
         findings = {
-            "speed": np.maximum(np.maximum(low - v_x, v_x - high), 0.0),
+            "speed": np.maximum(np.maximum(speeds[0] - v_x, v_x - speeds[1]), 0.0),
             "phase_margin_spread": spread[:, 0],
             "crossover_spread": spread[:, 1],
             "misfit": _misfit(model, twins),

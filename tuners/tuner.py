@@ -112,7 +112,9 @@ class Tuner(ABC):
         design, converged = self.gains(model.recording)
         design = Design(*self._usable(design), design.status)
         nominal = nominal_context(self.task.prior)
-        return design, assess(self.task, nominal, recording, model, design, converged, speeds)
+        return design, assess(
+            self.task, nominal, recording, model, design, converged, speeds, self.speed_range
+        )
 
     def predict(
         self,
@@ -167,6 +169,11 @@ class Tuner(ABC):
     def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
         """Rebuild from what `settings` and `arrays` gave."""
         return cls(task_from(settings))
+
+    @property
+    def speed_range(self) -> tuple[float, float]:
+        """Lowest and highest speed that it was made for [m/s]."""
+        return self.task.prior.v_x
 
     def speeds(self, recording: Recording) -> Array:
         """Speed of every episode [m/s], (B,): recorded, or the tuner's own single one."""
