@@ -1,6 +1,7 @@
 """The yawrate command as a user calls it: answers, exit statuses, and never a traceback."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -165,6 +166,10 @@ def test_gains_and_tuners_are_exported(tmp_path):
         UNUSABLE, "export", "--tuner", "ts-ff", "--target", "json", "-o", tmp_path / "x.json"
     )
     assert "folder" in refused(WRONG, *gains, "-o", tmp_path / "no" / "pi")
+    onnx = ("--target", "onnx", "-o", tmp_path / "x.onnx")
+    assert "give --tuner" in refused(WRONG, *gains, *onnx)
+    assert "not both" in refused(WRONG, *gains, "--tuner", "ts-ff-lag", *onnx)
+    assert "writes a folder" in refused(WRONG, *gains, "-o", tmp_path / "pi.json")
 
 
 def test_a_data_set_is_made_and_verified(tmp_path):
@@ -213,10 +218,37 @@ def test_wrong_usage_is_one_line(tmp_path):
     assert "No tuner 'ts'" in refused(WRONG, "tune", EXAMPLE, "--tuner", "ts")
     assert "No tuner file" in refused(WRONG, "tune", EXAMPLE, "--tuner", "absent.tuner")
     assert "folder" in refused(WRONG, "tune", EXAMPLE, "--report", tmp_path / "no" / "out.html")
+    assert "must end in .html" in refused(WRONG, "tune", EXAMPLE, "--report", tmp_path / "r.csv")
+    os.mkfifo(tmp_path / "pipe.html")
+    pipe = refused(WRONG, "tune", EXAMPLE, "--report", tmp_path / "pipe.html")
+    assert "no regular file" in pipe
+    assert "above 1e+09" in refused(
+        WRONG, "train", "--episodes", "1e10", "-o", tmp_path / "x.tuner"
+    )
     assert "must end in .tuner" in refused(WRONG, "train", "-o", tmp_path / "car.bin")
     wrong = ("tune", EXAMPLE, "--tuner", "gb")
     assert "No column 'w' for steer" in refused(WRONG, *wrong, "--steer-column", "w")
     assert "Nothing between 90 and" in refused(WRONG, *wrong, "--from", 90)
+
+
+def test_what_is_read_is_not_written_over(tmp_path):
+    log, car = tmp_path / "log.html", tmp_path / "car.tuner"
+    log.write_bytes(EXAMPLE.read_bytes())
+    car.write_text(paper())
+    for arguments in (
+        ("tune", log, "--report", log),
+        ("excite", "--vehicle", car, "-o", car),
+        ("train", "--vehicle", car, "-o", car),
+        ("export", "--tuner", car, "--target", "onnx", "-o", car),
+    ):
+        assert "would be written over" in refused(WRONG, *arguments)
+    assert log.read_bytes() == EXAMPLE.read_bytes() and car.read_text() == paper()
+
+
+def test_training_without_torch_is_refused_before_it_simulates(tmp_path, monkeypatch):
+    monkeypatch.setattr("tuners.cli.train.find_spec", lambda name: None)
+    line = refused(UNUSABLE, "train", "-o", tmp_path / "car.tuner")
+    assert line == 'error: Training needs PyTorch: pip install "yawrate[tuners]".\n'
 
 
 def test_no_command_shows_the_help():

@@ -18,7 +18,15 @@ import tuners
 from tuners.baselines import Nominal
 from tuners.control_models import pi_controller
 from tuners.coordinates import decode, encode
-from tuners.export import DigitalPI, c_source, compressor_source, export, json_text, matlab_script
+from tuners.export import (
+    DigitalPI,
+    c_source,
+    compressor_source,
+    export,
+    json_text,
+    literals,
+    matlab_script,
+)  # fmt: skip
 from tuners.export.onnx_tuner import onnx_model
 from tuners.feedforward import FeedForward, _Scaling
 from tuners.laguerre import Laguerre
@@ -245,12 +253,22 @@ def test_misuse_is_refused_before_anything_is_written(tmp_path):
         ((np.nan, 0.2), "c", "kp = nan"),
         ((0.3, 0.2, 0.1), "c", "holds no gains"),
         (Nominal(Task()), "json", "Tune a recording first"),
-        ((0.3, 0.2), "onnx", "is not exported"),
+        ((0.3, 0.2), "onnx", "target onnx needs a tuner"),
+        ((None, 0.2), "json", "kp = None is not a number"),
+        ((1e39, 0.2), "matlab", r"abs\(gain\) = 1.025e\+39 must be"),
+        ((1e-38, 1e3), "c", r"abs\(step\) = 1e-43 must be"),
     ]:
         with pytest.raises(ValueError, match=message):
             export(source, target, path)
-    with pytest.raises(ValueError, match="high = -1 must be"):
+    with pytest.raises(ValueError, match=r"limits = \[0, -1\] must have low below 0"):
         export((0.3, 0.2), "c", path, limits=(0.0, -1.0))
+    for wrong in ((-1.0, 1.0, 2.0), (-1.0,), 3.0, (0.1, 0.2), (-1e-60, 1.0)):
+        with pytest.raises(ValueError, match=r"limits|low"):
+            export((0.3, 0.2), "json", path, limits=wrong)
+    with pytest.raises(ValueError, match="Ts = 1001 must be .* at most 1000"):
+        export((0.3, 0.2), "json", path, Ts=1001.0)
+    with pytest.raises(ValueError, match="real = 'half'"):
+        export((0.3, 0.2), "json", path, real="half")
     tuner = TwoStage(Task(), Laguerre(order=2), Echo(3), "loop", {})
     with pytest.raises(ValueError, match="has 3 features, 2 of them"):
         export(tuner, "onnx", path)
@@ -259,6 +277,24 @@ def test_misuse_is_refused_before_anything_is_written(tmp_path):
     with pytest.raises(ValueError, match="features=True"):
         export(tuner, "onnx", path)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_is_not_taken_for_cs_folder(tmp_path):
+    (tmp_path / "x").write_text("mine")
+    with pytest.raises(ValueError, match="x is a file, and target c writes several"):
+        export((0.3, 0.2), "c", tmp_path / "x")
+    assert (tmp_path / "x").read_text() == "mine"
+
+
+def test_the_tuner_of_any_speed_is_refused_for_its_features(tmp_path):
+    with pytest.raises(ValueError, match=r"frequency response.* Export ts-ff-lag or ts-gbm-lag"):
+        export(tuners.load("ts-ff-lag-vx"), "onnx", tmp_path / "x")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e39])
+def test_constants_of_a_program_are_finite(value):
+    with pytest.raises(ValueError, match="is no finite float"):
+        literals.number(value, "float")
 
 
 def test_a_tuning_result_is_exported_as_it_is(tmp_path):

@@ -3,7 +3,7 @@ import stat
 
 import pytest
 
-from yawrate_env.files import leftovers, replacing, write_text
+from yawrate_env.files import check_folder, leftovers, replacing, write_text
 
 
 def test_a_file_is_replaced_whole(tmp_path):
@@ -25,6 +25,29 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
         raise ZeroDivisionError
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["table.csv"]
+
+
+def test_an_error_names_the_file_and_not_the_temporary_one(tmp_path, monkeypatch):
+    path = tmp_path / "table.csv"
+    with pytest.raises(FileNotFoundError, match="absent/table.csv'$"):
+        write_text(tmp_path / "absent" / "table.csv", "x")
+
+    def fail(temporary, target):
+        raise PermissionError(13, "Permission denied", temporary, None, str(target))
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(PermissionError) as caught:
+        write_text(path, "x")
+    assert str(caught.value) == f"[Errno 13] Permission denied: {str(path)!r}"
+
+
+def test_a_folder_that_cannot_be_written_to_is_known_before(tmp_path, monkeypatch):
+    check_folder(tmp_path)
+    with pytest.raises(ValueError, match="does not exist"):
+        check_folder(tmp_path / "absent")
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(ValueError, match="cannot be written to"):
+        check_folder(tmp_path)
 
 
 def test_text_is_utf_8(tmp_path):

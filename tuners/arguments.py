@@ -9,14 +9,17 @@ from typing import Any
 
 from tuners import model_file
 from yawrate_env.env import PITuningEnv
+from yawrate_env.files import check_folder, check_regular
 from yawrate_env.task import Task
+
+MOST = 1e9
 
 
 def whole(text: str) -> int:
-    """A positive whole number; ``1e6`` is one."""
+    """A positive whole number up to `MOST`; ``1e6`` is one."""
     value = float(text)
-    if value < 1 or not value.is_integer():
-        raise argparse.ArgumentTypeError(f"{text} is not a positive whole number")
+    if not 1 <= value <= MOST or not value.is_integer():
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to {MOST:g}")
     return int(value)
 
 
@@ -31,10 +34,11 @@ def seed(text: str) -> int:
 def output(text: str) -> Path:
     """A file to write, in a folder that exists."""
     path = Path(text)
-    if not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"the folder {path.parent} does not exist; make it first")
-    if path.is_dir():
-        raise argparse.ArgumentTypeError(f"{path} is a folder; name a file")
+    try:
+        check_folder(path.parent)
+        check_regular(path)
+    except (ValueError, OSError) as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
     return path
 
 

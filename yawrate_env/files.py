@@ -16,20 +16,46 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BufferedWriter]:
     replacement would take a device such as ``/dev/null`` away from the whole machine.
     """
     target = Path(path)
-    if target.exists() and not target.is_file():
-        raise ValueError(f"{target} is no regular file. Give the path of a file to write.")
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    check_regular(target)
+    prefix = f".{target.name}."
     try:
-        with os.fdopen(handle, "wb") as file:
+        with _temporary(target.parent, prefix) as (temporary, file):
             yield file
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, target)
+    except OSError as error:
+        if error.errno is None or prefix not in str(error.filename or prefix):
+            raise
+        raise OSError(error.errno, error.strerror, str(target)) from error
     _sync(target.parent)
+
+
+@contextmanager
+def _temporary(folder: Path, prefix: str) -> Iterator[tuple[str, BufferedWriter]]:
+    """A new file's name, and itself open; gone where something fails."""
+    handle, name = tempfile.mkstemp(dir=folder, prefix=prefix)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            yield name, file
+    except BaseException:
+        os.unlink(name)
+        raise
+
+
+def check_regular(path: Path) -> None:
+    """Refuse a folder, a device, a pipe; a file that does not exist yet is fine."""
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{path} is no regular file. Give the path of a file to write.")
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that nothing can be written into, before the work to be written."""
+    if not folder.is_dir():
+        raise ValueError(f"The folder {folder} does not exist. Make it first.")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ValueError(f"The folder {folder} cannot be written to. Choose another.")
 
 
 def leftovers(path: str | os.PathLike[str]) -> list[Path]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from tuners import vehicle_file
 from tuners.cli.example import example
-from tuners.cli.files import READABLE, Output
+from tuners.cli.files import READABLE, Output, keep
 from yawrate_env.episode import excitation
 from yawrate_env.files import write_text
 from yawrate_env.task import Task
@@ -21,6 +21,7 @@ HEADER = "t,steer"
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Of a random register.")
 def command(vehicle: Path | None, out: Path, seed: int) -> None:
     """Write the steering signal to drive: time [s] and road-wheel angle [rad]."""
+    keep(out, vehicle)
     task = Task() if vehicle is None else vehicle_file.read(vehicle)
     experiment = task.experiment
     start = np.random.default_rng(seed).integers(0, 2**64, 1, np.uint64)

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from tuners.cli.example import example
-from tuners.cli.files import Output
+from tuners.cli.files import Output, keep
 from tuners.cli.numbers import NUMBER, POSITIVE
 from tuners.cli.tuner_option import loaded
 
@@ -29,7 +29,12 @@ TARGETS = ("c", "matlab", "json", "onnx")
     metavar="LOW HIGH",
     help="Least and largest command [rad]. [default: 30 deg to both sides]",
 )
-@click.option("--tuner", metavar="NAME|FILE", help="A tuner instead of gains, for c and onnx.")
+@click.option(
+    "--tuner",
+    metavar="NAME|FILE",
+    help="A tuner instead of gains, for onnx (all of it) and c (its first stage: features). "
+    "With Laguerre features only: ts-ff-lag, ts-gbm-lag.",
+)
 @click.option(
     "--target",
     type=click.Choice(TARGETS),
@@ -52,8 +57,15 @@ def command(
     from tuners.export import export
     from tuners.export.digital_pi import LIMITS
 
+    if tuner is None and target == "onnx":
+        raise click.UsageError("Target onnx is for a tuner: give --tuner.")
     if tuner is None and (kp is None or ti is None):
         raise click.UsageError("Give --kp and --Ti, or a --tuner.")
+    if tuner is not None and (kp, ti) != (None, None):
+        raise click.UsageError("Give --kp and --Ti, or a --tuner, not both.")
+    if out.exists() and out.is_dir() != (target == "c"):
+        raise click.UsageError(f"{out} exists. Target c writes a folder, any other a file.")
+    keep(out, tuner)
     source = (kp, ti) if tuner is None else loaded(tuner)
     for path in export(source, target, out, Ts=ts, limits=limits or LIMITS):
         click.echo(str(path))

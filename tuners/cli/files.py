@@ -6,6 +6,8 @@ from typing import Any
 
 import click
 
+from yawrate_env.files import check_folder, check_regular
+
 READABLE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
@@ -19,8 +21,22 @@ class Output(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Check the folder and the ending before any work is done."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if not path.parent.is_dir():
-            self.fail(f"The folder {path.parent} does not exist.", param, ctx)
+        inside = self.dir_okay and path.is_dir()
+        try:
+            check_folder(path if inside else path.parent)
+            if not inside:
+                check_regular(path)
+        except (ValueError, OSError) as error:
+            self.fail(str(error), param, ctx)
         if self.suffix and path.suffix != self.suffix:
             self.fail(f"{path} must end in {self.suffix}.", param, ctx)
         return path
+
+
+def keep(out: Path | None, *sources: str | Path | None) -> None:
+    """Refuse to write over a file that the command reads."""
+    for source in sources:
+        if out is None or source is None or not (out.exists() and Path(source).exists()):
+            continue
+        if out.samefile(source):
+            raise click.UsageError(f"{out} is read, and would be written over. Name another file.")

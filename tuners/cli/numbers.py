@@ -5,6 +5,9 @@ from typing import Any
 
 import click
 
+MOST = 1e9
+"""No count is larger: a billion episodes would take a core weeks."""
+
 
 class Number(click.ParamType):  # type: ignore[type-arg]
     """A finite number, or only a positive one."""
@@ -25,7 +28,7 @@ class Number(click.ParamType):  # type: ignore[type-arg]
 
 
 class Count(Number):
-    """A positive whole number; ``1e6`` is one."""
+    """A positive whole number up to `MOST`; ``1e6`` is one."""
 
     name = "count"
 
@@ -34,6 +37,8 @@ class Count(Number):
         number = super().convert(value, param, ctx)
         if not float(number).is_integer():
             self.fail(f"{value} is not a whole number.", param, ctx)
+        if number > MOST:
+            self.fail(f"{value} is above {MOST:g}.", param, ctx)
         return int(number)
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ import numpy as np
 from tuners import model_file, vehicle_file
 from tuners.cli import plant
 from tuners.cli.example import example
-from tuners.cli.files import READABLE, Output
+from tuners.cli.files import READABLE, Output, keep
 from tuners.cli.numbers import COUNT
 from tuners.feedforward import FeedForwardSettings
 from tuners.trend import TrendSettings
@@ -55,6 +56,8 @@ def command(vehicle: Path | None, out: Path, episodes: int | None, seed: int) ->
     A plant of your own is one line of TOML, entry = "module:attribute" in [plant]; the
     module is found beside the file.
     """
+    keep(out, vehicle)
+    _check_learner()
     import tuners
     from tuners.calibration import calibrate
     from tuners.plants.entry import from_toml
@@ -71,6 +74,12 @@ def command(vehicle: Path | None, out: Path, episodes: int | None, seed: int) ->
         calibrate(tuner, episodes=CALIBRATION, seed=seed, progress=partial(bars, "calibrating"))
     tuner.save(out)
     click.echo(f"{out}: {accuracy(tuner, task, seed)}")
+
+
+def _check_learner() -> None:
+    """Refuse before the simulations, not after them."""
+    if find_spec("torch") is None:
+        raise click.ClickException('Training needs PyTorch: pip install "yawrate[tuners]".')
 
 
 def accuracy(tuner: "Tuner", task: Task, seed: int) -> str:

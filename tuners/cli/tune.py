@@ -8,7 +8,7 @@ import click
 
 from tuners.cli import answer, plant
 from tuners.cli.example import example
-from tuners.cli.files import READABLE, Output
+from tuners.cli.files import READABLE, Output, keep
 from tuners.cli.log_options import log_options
 from tuners.cli.tuner_option import loaded
 from tuners.logs import Options, SelectionError, read_log
@@ -27,7 +27,7 @@ UNTRUSTED = 3
     metavar="NAME|FILE",
     help="A tuner that the package ships, or a file of `yawrate train`.",
 )
-@click.option("--report", type=Output(), help="Write a report to this HTML file.")
+@click.option("--report", type=Output(".html"), help="Write a report to this HTML file.")
 @click.option("--json", "machine", is_flag=True, help="Print one JSON object.")
 def command(
     log: Path, options: Options, tuner: str, report: Path | None, machine: bool
@@ -41,6 +41,7 @@ def command(
 
     Exit status: 0 trusted, 3 not trusted, 1 unusable data, 2 wrong usage.
     """
+    keep(report, log, tuner)
     if plant.is_plants(tuner):
         if report is not None or options != Options():
             raise click.UsageError("A plant's log has no flags, and no report. Leave them out.")
@@ -51,12 +52,12 @@ def command(
     except SelectionError as error:
         raise click.UsageError(str(error)) from None
     result = trained.tune(recording.steer, recording.yaw_rate, recording.Ts, recording.speed)
-    if report is not None:
-        from tuners.report import write_report
-
-        write_report(report, result, recording, trained.task, tuner)
     if machine:
         click.echo(json.dumps(answer.as_json(result, recording, trained.task, tuner), indent=1))
     else:
         click.echo(answer.as_text(result, recording, trained.task))
+    if report is not None:
+        from tuners.report import write_report
+
+        write_report(report, result, recording, trained.task, tuner)
     sys.exit(0 if result.trusted else UNTRUSTED)

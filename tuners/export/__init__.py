@@ -81,6 +81,7 @@ def export(
         The source cannot be exported so; the message says what can.
     """
     validation.one_of("target", target, TARGETS)
+    validation.one_of("real", real, ("double", "float"))
     where = Path(path)
     if target == "onnx":
         return _write_onnx(source, where, features)
@@ -95,6 +96,8 @@ def export(
 
 
 def _write_all(folder: Path, files: dict[str, str]) -> list[Path]:
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder} is a file, and target c writes several. Name a folder.")
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         write_text(folder / name, text)

@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 LIMITS = (float(np.radians(-30.0)), float(np.radians(30.0)))
 """Road-wheel angle that the actuator is asked for, unless said otherwise [rad]."""
 
+SLOWEST = 1e3  # [s]
+_LEAST, _LARGEST = (float(x) for x in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
+
 
 @dataclass(frozen=True, slots=True)
 class DigitalPI:
@@ -44,23 +47,38 @@ class DigitalPI:
     high: float = LIMITS[1]
 
     def __post_init__(self) -> None:
-        for name in ("kp", "Ti", "Ts"):
+        for name in ("kp", "Ti"):
             validation.number(name, getattr(self, name), above=0.0,
                               remedy="Export gains that a tuner found.")  # fmt: skip
-        validation.number("low", self.low, remedy="Give a finite limit in rad.")
-        validation.number("high", self.high, above=self.low, remedy="Raise it above low.")
+        validation.number("Ts", self.Ts, above=0.0, at_most=SLOWEST, remedy="Give it in seconds.")
+        for name in ("low", "high"):
+            validation.number(name, getattr(self, name), remedy="Give a finite limit in rad.")
+        if not self.low < 0.0 < self.high:
+            raise ValueError(
+                f"limits = [{self.low:g}, {self.high:g}] must have low below 0 and high above. "
+                "Give the least and the largest command in rad."
+            )
+        for name in ("gain", "step", "tracking", "low", "high"):
+            validation.number(
+                f"abs({name})", abs(getattr(self, name)), at_least=_LEAST, at_most=_LARGEST,
+                remedy="Single precision must hold it: export kp, Ti, Ts and limits of ordinary "
+                "size.",
+            )  # fmt: skip
 
     @classmethod
     def of(cls, source: Any, Ts: float, limits: tuple[float, float] = LIMITS) -> Self:
         """From a pair (kp, Ti), or anything with attributes of these names."""
+        if np.shape(limits) != (2,):
+            raise ValueError(f"limits = {limits!r} must be two numbers, (low, high) in rad.")
         if hasattr(source, "kp") and hasattr(source, "Ti"):
-            return cls(float(source.kp), float(source.Ti), Ts, *limits)
-        if isinstance(source, tuple | list) and len(source) == 2:
-            return cls(float(source[0]), float(source[1]), Ts, *limits)
-        raise ValueError(
-            f"a {type(source).__name__} holds no gains. Tune a recording first and export the "
-            "result, or give (kp, Ti); a tuner itself goes to target onnx."
-        )
+            source = source.kp, source.Ti
+        if not isinstance(source, tuple | list) or len(source) != 2:
+            raise ValueError(
+                f"a {type(source).__name__} holds no gains. Tune a recording first and export the "
+                "result, or give (kp, Ti); a tuner itself goes to target onnx."
+            )
+        values = zip(("kp", "Ti", "Ts", "low", "high"), (*source, Ts, *limits), strict=True)
+        return cls(*(validation.number(name, value) for name, value in values))
 
     @property
     def gain(self) -> float:

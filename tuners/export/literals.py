@@ -7,18 +7,28 @@ import numpy as np
 
 
 def number(value: float, real: str = "double") -> str:
-    """A literal that reads back as the same number."""
-    if not np.isfinite(value):
-        return "NAN" if np.isnan(value) else ("INFINITY" if value > 0 else "-INFINITY")
-    digits = str(np.float32(value)) if real == "float" else repr(float(value))
+    """A literal that reads back as the same number; it must be finite, also in `real`."""
+    single = real == "float"
+    with np.errstate(over="ignore"):
+        kept = np.float32(value) if single else np.float64(value)
+    if not np.isfinite(kept):
+        raise ValueError(f"{value:g} is no finite {real}. Export gains of ordinary size.")
+    digits = str(kept) if single else repr(float(value))
     if not set(digits) & set(".e"):
         digits += ".0"
     return digits + ("f" if real == "float" else "")
 
 
+def sample(value: float, real: str = "double") -> str:
+    """A literal of a signal, where a sample may be missing."""
+    if np.isfinite(value):
+        return number(value, real)
+    return "NAN" if np.isnan(value) else ("INFINITY" if value > 0 else "-INFINITY")
+
+
 def rows(values: Iterable[float], real: str = "double") -> str:
-    """The inside of an array's initialiser, four numbers a line."""
-    words = [number(value, real) for value in values]
+    """The inside of a signal's initialiser, four numbers a line."""
+    words = [sample(value, real) for value in values]
     return ",\n".join("    " + ", ".join(words[i : i + 4]) for i in range(0, len(words), 4))
 
 

@@ -24,12 +24,20 @@ from tuners.export.trees import ensemble
 from tuners.feedforward import FeedForward
 from tuners.gbm import GBM
 from tuners.laguerre import Laguerre
+from tuners.response import FrequencyResponse
 from tuners.trend import Trend
+from tuners.tuner import Tuner
 from yawrate_env.design import LEAST_LAG, Status
 from yawrate_env.excitation import prbs
 from yawrate_env.task import Task
 
 Array = NDArray[np.float64]
+
+_EXPORTED = "Export ts-ff-lag or ts-gbm-lag, or one trained with Laguerre features."
+_REASONS = {
+    type(None): "it is no two-stage tuner",
+    FrequencyResponse: "its features are a frequency response, not linear in the yaw rate",
+}
 
 
 def onnx_model(tuner: Any, *, features: bool = False) -> Any:
@@ -74,16 +82,16 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
 
 def check(tuner: Any) -> Any:
     """The tuner, or ``ValueError`` where it cannot be exported."""
+    if not isinstance(tuner, Tuner):
+        raise ValueError(
+            f"a {type(tuner).__name__} is not exported as a graph: target onnx needs a tuner "
+            f"(--tuner). {_EXPORTED}"
+        )
     stages = getattr(tuner, "compressor", None), getattr(tuner, "learner", None)
     if not isinstance(stages[0], Laguerre) or not isinstance(stages[1], FeedForward | GBM | Trend):
         kind = getattr(tuner, "kind", type(tuner).__name__)
-        reason = "its first stage is not linear in the yaw rate"
-        if stages[0] is None:
-            reason = "it is no two-stage tuner"
-        raise ValueError(
-            f"a tuner of kind {kind!r} is not exported: {reason}. Export ts-ff-lag or ts-gbm-lag, "
-            "or one trained with Laguerre features."
-        )
+        reason = _REASONS.get(type(stages[0]), "its first stage is not linear in the yaw rate")
+        raise ValueError(f"a tuner of kind {kind!r} is not exported: {reason}. {_EXPORTED}")
     trained = _trained_features(stages[1])
     if trained != stages[0].order:
         raise ValueError(
