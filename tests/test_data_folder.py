@@ -73,6 +73,25 @@ def test_an_unfinished_data_set_is_not_read(folder):
             read(folder.path)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda shards: [shards[0], shards[0], shards[2]],
+        lambda shards: [shards[1], shards[0], shards[2]],
+        lambda shards: [*shards, shards[2]],
+        lambda shards: [shards[0] | {"file": "../elsewhere.parquet"}, *shards[1:]],
+        lambda shards: [shards[0] | {"rows": shards[0]["rows"] - 1}, *shards[1:]],
+        lambda shards: [shards[0] | {"first": None}, *shards[1:]],
+    ],
+)
+def test_a_manifest_lists_the_shards_of_its_configuration(folder, change):
+    path = folder.path / "_manifest.json"
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"shards": change(content["shards"])}))
+    with pytest.raises(DatasetError, match="has no such shard"):
+        Folder(folder.path)
+
+
 @pytest.mark.parametrize("path", ["missing", "."])
 def test_a_folder_without_a_data_set(path, tmp_path):
     with pytest.raises(DatasetError, match="manifest.json: No such file.*Name a data set"):

@@ -256,7 +256,7 @@ def test_misuse_is_refused_before_anything_is_written(tmp_path):
         ((0.3, 0.2), "onnx", "target onnx needs a tuner"),
         ((None, 0.2), "json", "kp = None is not a number"),
         ((1e39, 0.2), "matlab", r"abs\(gain\) = 1.025e\+39 must be"),
-        ((1e-38, 1e3), "c", r"abs\(step\) = 1e-43 must be"),
+        ((1e-36, 1e3), "c", r"abs\(step\) = 1e-41 must be"),
     ]:
         with pytest.raises(ValueError, match=message):
             export(source, target, path)

@@ -149,6 +149,32 @@ def test_binary_formats_are_the_same_log(tmp_path, signals):
         same(read(tmp_path / name), signals)
 
 
+def test_parquet_columns_of_other_types_are_numbers(tmp_path, signals):
+    import decimal
+
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = tmp_path / "log.parquet"
+    microseconds = np.rint(1e6 * signals["t"]).astype(int)
+    table = {
+        "t": pa.array(microseconds, pa.duration("us")),
+        "steer": [decimal.Decimal(f"{v:.9f}") for v in signals["steer"]],
+        "yaw_rate": [f"{v:.12e}" for v in signals["yaw_rate"]],
+        "speed": signals["speed"].astype(np.float16),
+    }
+    pq.write_table(pa.table(table), path, write_page_checksum=True, compression="none")
+    log = read(path)
+    assert log.Ts == TS
+    np.testing.assert_allclose(log.steer, signals["steer"], atol=1e-9)
+    np.testing.assert_allclose(log.yaw_rate, signals["yaw_rate"], atol=1e-11)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(LogError, match="Parquet file cannot be read: .*CRC"):
+        read(path)
+
+
 def test_a_matrix_has_numbered_columns(tmp_path, signals):
     from scipy.io import savemat
 
@@ -226,6 +252,7 @@ def test_a_gap_leaves_the_longest_stretch(written, signals):
          r"Time stands still or runs backwards at t = 1\.98 s \(sample 200\), and no stretch "),
         (lambda t: t + 2.0 * (np.arange(len(t)) // 150), r"A gap of 2\.01 s at t = 1\.49 s"),
         (lambda t: 0 * t, "Time does not run forwards anywhere"),
+        (lambda t: np.floor(t) + 1.7e9, "99% of the time stamps repeat.*with --Ts"),
         (lambda t: 1e3 * t, "sampling time is 10 s.*--time-unit"),
     ],
 )  # fmt: skip

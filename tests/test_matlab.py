@@ -78,8 +78,13 @@ def test_from_a_recording_to_a_controller():
 
 def test_misuse_is_refused():
     u = np.ones(100)
-    with pytest.raises(ValueError, match=r"\[3, 2, 2, 1\] is not fitted"):
+    with pytest.raises(ValueError, match=r"\(3, 2, 2, 1\) is not fitted"):
         armax(u, u, 0.1, (3, 2, 2, 1))
+    with pytest.raises(ValueError, match="orders = 5 is not fitted"):
+        armax(u, u, 0.1, 5)
+    for speed in (None, np.full(2, 20.0), "fast"):
+        with pytest.raises(ValueError, match="v_x = .* is not a number. Give one speed"):
+            greyest(u, u, 0.01, v_x=speed)
     with pytest.raises(ValueError, match="at least 60"):
         armax(u[:20], u[:20], 0.1)
     with pytest.raises(ValueError, match="Ti = -1"):
@@ -88,6 +93,12 @@ def test_misuse_is_refused():
         greyest(u, u, 0.01, v_x=-3.0)
     with pytest.raises(ValueError, match="Ts = 0"):
         vehicle_model(0.7, 150.0, 20.0, Ts=0.0)
+
+
+def test_a_dead_output_has_no_vehicle():
+    recording = recorded(1)
+    found = greyest(recording.u[0], np.zeros(recording.y.shape[1]), recording.Ts)
+    assert not found.converged
 
 
 def test_control_is_imported_where_it_is_used():

@@ -52,6 +52,10 @@ def test_the_same_content_gives_the_same_file(saved, tmp_path):
     assert (tmp_path / "two.tuner").read_bytes() == saved.read_bytes()
 
 
+def header_of(header):
+    return sealed(lzma.compress(len(header).to_bytes(8, "little") + header))
+
+
 FOREIGN = "is not a tuner file. Make one with `yawrate train`"
 DAMAGED = "is damaged: its checksum does not agree. Copy it again"
 UNREADABLE = "cannot be read: .*Train it again"
@@ -69,6 +73,10 @@ OTHER_FILES = {
     "no body": (sealed(b""), UNREADABLE),
     "not xz": (sealed(b"not xz"), UNREADABLE),
     "not safetensors": (sealed(lzma.compress(b"not safetensors")), UNREADABLE),
+    "metadata of another type": (header_of(b'{"__metadata__": null}'), UNREADABLE),
+    "a list for a header": (header_of(b"[1]"), UNREADABLE),
+    "brackets without end": (header_of(b"[" * 100_000), UNREADABLE),
+    "settings of another type": (header_of(b'{"__metadata__": {"settings": "3"}}'), UNREADABLE),
     "no settings": (sealed(lzma.compress(b"\x02" + bytes(7) + b"{}")), UNREADABLE),
 }
 

@@ -50,8 +50,8 @@ class GreyModel:
 
     Attributes
     ----------
-    model : control.StateSpace
-        Steering command to yaw rate, continuous.
+    model : control.StateSpace or None
+        Steering command to yaw rate, continuous; None where the search ended at no vehicle.
     mu_s, M_delta, v_x : float
         Friction scale and extra mass [kg] found, speed as given [m/s].
     cost : float
@@ -82,8 +82,8 @@ def armax(
     """
     import control
 
-    if tuple(orders) != ORDERS:
-        raise ValueError(f"orders = {list(orders)} is not fitted here, only {list(ORDERS)}.")
+    if not np.array_equal(orders, ORDERS):
+        raise ValueError(f"orders = {orders!r} is not fitted here, only {list(ORDERS)}.")
     recording = Recording.of(u, y, Ts)
     samples, least = recording.y.shape[1], 10 * len(fitting.PARAMETERS)
     validation.count("number of samples", samples, at_least=least, remedy="Record more.")
@@ -122,16 +122,22 @@ def greyest(
     prior : Prior
         The search starts in its middle.
     """
+    validation.number("v_x", v_x, above=0.0, remedy="Give one speed in m/s.")
     recording = Recording.of(u, y, Ts, v_x)
     found = identify(vehicle, recording, nominal_context(prior), np.array([float(v_x)]))
     mu_s, M_delta = float(found.context.mu_s[0]), float(found.context.M_delta[0])
+    try:
+        model = vehicle_model(mu_s, M_delta, v_x, vehicle=vehicle)
+        converged = bool(found.converged[0])
+    except ValueError:  # the search left for where no vehicle is: the output is dead
+        model, converged = None, False
     return GreyModel(
-        vehicle_model(mu_s, M_delta, v_x, vehicle=vehicle),
+        model,
         mu_s,
         M_delta,
         float(v_x),
         float(found.cost[0]),
-        bool(found.converged[0]),
+        converged,
     )
 
 

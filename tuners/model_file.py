@@ -69,6 +69,8 @@ def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArra
         packed = lzma.decompress(body)
         size = int.from_bytes(packed[:8], "little")
         metadata = json.loads(packed[8 : 8 + size])["__metadata__"]
-        return json.loads(metadata["settings"]), load(packed)
-    except (SafetensorError, lzma.LZMAError, KeyError, ValueError) as error:
+        return dict(json.loads(metadata["settings"])), load(packed)
+    except (
+        SafetensorError, lzma.LZMAError, KeyError, ValueError, TypeError, RecursionError,
+    ) as error:  # fmt: skip
         raise ModelFileError(f"{path} cannot be read: {error}. Train it again.") from None

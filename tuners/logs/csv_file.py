@@ -76,16 +76,18 @@ def find_layout(lines: list[str]) -> Layout:
 
 
 def floats(name: str, column: Any) -> Array:
-    """Numbers of an Arrow column; seconds where it holds dates and times."""
+    """Numbers of an Arrow column; seconds where it holds dates, times and durations."""
     from pyarrow import types
 
     kind = column.type
-    if types.is_timestamp(kind) or types.is_time(kind):
+    if types.is_timestamp(kind) or types.is_time(kind) or types.is_duration(kind):
         ticks = _array(column.cast(f"int{kind.bit_width}"))
         return np.asarray(ticks * float(np.timedelta64(1, kind.unit) / np.timedelta64(1, "s")))
-    if types.is_floating(kind) or types.is_integer(kind):
+    if types.is_floating(kind) or types.is_integer(kind) or types.is_decimal(kind):
         return _array(column)
     bad = next((k for k, v in enumerate(column) if v.is_valid and not _number(str(v))), None)
+    if bad is None and column.null_count < len(column):
+        return np.array([float(str(v).replace(",", ".")) if v.is_valid else np.nan for v in column])
     if bad is None:
         raise LogError(f"Column {name} holds no numbers.")
     cell = str(column[bad])[:20]

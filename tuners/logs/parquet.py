@@ -12,7 +12,7 @@ def read(path: Path) -> Table:
     from pyarrow.parquet import ParquetFile
 
     try:
-        table = ParquetFile(path).read()
+        table = ParquetFile(path, page_checksum_verification=True).read()
     except (ArrowException, OSError) as error:
         raise LogError(f"The Parquet file cannot be read: {str(error).splitlines()[0]}") from None
 

@@ -50,6 +50,12 @@ def time_base(time: Array, least: float) -> TimeBase:
     forward = steps[steps > 0]
     if not len(forward):
         raise LogError("Time does not run forwards anywhere.")
+    repeated = float((steps == 0).mean())
+    if repeated > 0.5:
+        raise LogError(
+            f"{repeated:.0%} of the time stamps repeat the one before: they are too coarse for the "
+            "samples. Give the sampling time in seconds with --Ts."
+        )
     Ts = float(np.median(forward))
     if not FASTEST <= Ts <= SLOWEST:
         raise LogError(
