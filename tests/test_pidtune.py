@@ -281,6 +281,10 @@ def test_a_pid_without_filter_has_zieglers_and_nicholss_ratio():
         ((control.tf([1, 0, 0], [1, 1]), "PI"), "not proper"),
         ((TRIPLE_LAG, "PII"), "kind = 'PII' is unknown"),
         ((control.tf(1, [1, 1], True), "PI"), "no sampling time"),
+        ((control.tf([np.nan], [1, 1]), "PI"), "not finite"),
+        ((control.ss(-np.inf, 1, 1, 0), "PI"), "not finite"),
+        ((control.tf(1, [1e-300, 1, 1]), "PI"), "poles from 1 to 1e.300"),
+        ((control.tf(1, [5e-324, 1e3, 1]), "PI"), "leading coefficient so small"),
     ],
 )
 def test_a_wrong_plant_is_refused(arguments, message):
@@ -296,6 +300,7 @@ def test_a_wrong_plant_is_refused(arguments, message):
         ({"pm": 0.0}, "pm = 0 must be"),
         ({"pm": 181.0}, "pm = 181 must be"),
         ({"delay": -1.0}, "delay = -1 must be"),
+        ({"delay": 20.1}, "delay = 20.1 must be .* at most 20. It is 200 samples"),
         ({"delay": 0.05}, "not a multiple of the sampling time"),
         ({"wc": 32.0}, "at most 28.27"),
         ({"Tf": 0.1}, "kinds PDF and PIDF"),
@@ -305,6 +310,12 @@ def test_a_wrong_plant_is_refused(arguments, message):
 def test_wrong_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         pidtune(control.sample_system(TRIPLE_LAG, 0.1), "PI", **options)
+
+
+@pytest.mark.parametrize("delay", [1e6, 1e9])
+def test_a_delay_of_too_many_turns_is_refused_and_not_called_unstable(delay):
+    with pytest.raises(ValueError, match=r"turns the loop .* up to 10000 turns"):
+        pidtune(control.tf(1, [1, 1]), "P", wc=1.0, delay=delay)
 
 
 @pytest.mark.parametrize("kind", ["P", "I", "PI", "PD", "PID"])

@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 _DECADES = 3  # looked at beyond the first and the last corner
 _A_DECADE = 100
 _POINTS = 500_000  # of a Nyquist count, at most
+TURNS = 1e4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +65,11 @@ class Loop:
         return float(np.degrees(np.angle(-self(np.asarray(omega)))))
 
     def stable(self, near: float) -> bool:
-        """By the closed loop's poles; by a Nyquist count where a delay leaves infinitely many."""
+        """By the closed loop's poles; by a Nyquist count where a delay leaves infinitely many.
+
+        ``ValueError`` where the delay turns the loop more than `TURNS` times before its
+        magnitude is small, which is not counted.
+        """
         num, den = self.plant.polynomials()
         num = np.polymul(num, self.controller.num[0][0])
         den = np.polymul(den, self.controller.den[0][0])
@@ -95,8 +100,12 @@ class Loop:
             return np.asarray(np.angle(closed))
 
         large = grid[np.abs(self(grid)) > 0.1].max(initial=0.0)
-        if large * delay > _POINTS:
-            return 1  # so many turns of the delay are not counted: not shown to be stable
+        turns = large * delay / (2 * np.pi)
+        if turns > TURNS:
+            raise ValueError(
+                f"delay = {delay:g} s turns the loop {turns:.3g} times before it is small; "
+                f"stability is decided up to {TURNS:g} turns. Lower wc or the delay."
+            )
         grid = np.concatenate([[0.0], grid, np.arange(0.0, large, np.pi / (8 * delay))])
         grid = np.unique(grid)
         for _ in range(60):

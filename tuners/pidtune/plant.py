@@ -34,6 +34,8 @@ _DEFECTIVE = 1e-6  # the same where two of them have parted, as they do in a sta
 _BELOW, _ABOVE = 100, 10  # the numerator is followed this far beyond the corners
 _A_DECADE = 50
 _POINTS = 4000  # at most, to follow it
+_DELAY_SAMPLES = 200
+_SPREAD = 1e9  # of the poles that a transfer function's coefficients can tell apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +79,10 @@ class Plant:
                 f"delay = {delay:g} s is not a multiple of the sampling time {Ts:g} s. Sample the "
                 "continuous system with its delay instead."
             )
+        if Ts:
+            validation.number("delay", delay, at_most=_DELAY_SAMPLES * Ts,
+                              remedy=f"It is {_DELAY_SAMPLES} samples at most: sample less "
+                              "often.")  # fmt: skip
         zeros, poles = _roots(sys)
         if Ts:
             zeros, poles = _bilinear(zeros, Ts), _bilinear(poles, Ts)
@@ -180,8 +186,23 @@ def _check(sys: Any) -> None:
         )
     if sys.dt is True:
         raise ValueError("sys.dt = True is no sampling time. Give it in seconds.")
-    zeros, poles = _roots(sys)
-    if isinstance(sys, control.TransferFunction) and len(zeros) > len(poles):
+    polynomial = isinstance(sys, control.TransferFunction)
+    values = (sys.num[0][0], sys.den[0][0]) if polynomial else (sys.A, sys.B, sys.C, sys.D)
+    if not all(np.isfinite(value).all() for value in values):
+        raise ValueError("sys has a number that is not finite. Repair it.")
+    try:
+        zeros, poles = _roots(sys)
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            "sys has a leading coefficient so small that its roots overflow. Leave it out."
+        ) from None
+    size = np.abs(poles[poles != 0])
+    if polynomial and size.max(initial=0.0) > _SPREAD * size.min(initial=np.inf):
+        raise ValueError(
+            f"sys has poles from {size.min():.3g} to {size.max():.3g}, a factor of more than "
+            f"{_SPREAD:g}. Leave out leading or last coefficients that are next to nothing."
+        )
+    if polynomial and len(zeros) > len(poles):
         raise ValueError(
             f"sys has {len(zeros)} zeros and {len(poles)} poles, and is not proper. "
             "Add the poles that limit its bandwidth."
@@ -193,7 +214,8 @@ def _roots(sys: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     import control
 
     if isinstance(sys, control.TransferFunction):
-        zeros, poles = np.roots(sys.num[0][0]), np.roots(sys.den[0][0])
+        with np.errstate(over="ignore"):  # LinAlgError follows
+            zeros, poles = np.roots(sys.num[0][0]), np.roots(sys.den[0][0])
     else:
         zeros, poles = sys.zeros(), sys.poles()
     return np.asarray(zeros, dtype=complex), np.asarray(poles, dtype=complex)

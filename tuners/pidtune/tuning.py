@@ -85,7 +85,9 @@ def pidtune(
     pm : float
         Wanted phase margin [deg].
     delay : float
-        Pure delay beside `sys` [s], exact; a multiple of the sampling time if there is one.
+        Pure delay beside `sys` [s], exact; a multiple of the sampling time if there is one,
+        and 200 of them at most.  Stability is decided for up to 10 000 turns of the delay at
+        the frequencies that count; beyond, ``ValueError``.
     Tf : float, optional
         Time constant of the derivative filter of a PDF or PIDF [s]; that which lags by
         0.5 degrees at the crossover if not given, and at least half a sampling time.
