@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from answers import answer
+from answers import answer, drive
 from click.testing import CliRunner
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
@@ -229,6 +229,31 @@ def test_wrong_usage_is_one_line(tmp_path):
     wrong = ("tune", EXAMPLE, "--tuner", "gb")
     assert "No column 'w' for steer" in refused(WRONG, *wrong, "--steer-column", "w")
     assert "Nothing between 90 and" in refused(WRONG, *wrong, "--from", 90)
+
+
+def drive_log(path, steer, yaw_rate, Ts):
+    columns = Ts * np.arange(len(steer)), steer, yaw_rate, np.full(len(steer), 18.0)
+    np.savetxt(
+        path, np.stack(columns, 1), "%.9g", ",", header="t,steer,yaw_rate,speed", comments=""
+    )
+    return path
+
+
+def test_a_reversed_sign_and_a_late_channel_are_found(tmp_path):
+    u, _, r = drive(Ts=0.01, seconds=8.0)
+    reversed_log = drive_log(tmp_path / "reversed.csv", -u, r, 0.01)
+    late = drive_log(tmp_path / "late.csv", u[6:], r[:-6], 0.01)
+    early = drive_log(tmp_path / "early.csv", u[:-6], r[6:], 0.01)
+    code, out, _ = call("tune", reversed_log)
+    assert code == UNTRUSTED and "try --flip-steer" in out
+    code, out, _ = call("tune", reversed_log, "--flip-steer")
+    assert code == 0 and "--flip-steer" not in out
+    right = drive_log(tmp_path / "right.csv", u, r, 0.01)
+    assert "leave out --flip-steer" in call("tune", right, "--flip-steer")[1]
+    code, out, _ = call("tune", late)
+    assert code == UNTRUSTED and "logged 60 ms late" in out and "flip" not in out
+    code, out, _ = call("tune", early)
+    assert code == UNTRUSTED and "late:" not in out and "flip" not in out
 
 
 def test_what_is_read_is_not_written_over(tmp_path):

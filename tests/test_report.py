@@ -1,6 +1,7 @@
 """The report: what stands in it, and the statistics behind its words."""
 
 import re
+from dataclasses import fields, replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -10,7 +11,10 @@ from systems import control_controller, control_plant
 
 from tuners.report import render
 from tuners.report.loops import Loop
+from tuners.report.page import CHECKS
 from tuners.report.residuals import autocorrelation, cross_correlation
+from tuners.result import Check
+from tuners.trust import Limits
 from yawrate_env.task import Task
 from yawrate_env.vehicle import Context, Vehicle
 
@@ -77,6 +81,14 @@ def test_reasons_against_are_said():
     page = render(*answer(trusted=False), "ts-ff-lag")
     assert "Not trusted" in page and "The residual is not white" in page
     assert "kp 0.2 s" in page and "class=failed" in page
+
+
+def test_every_check_has_a_name_and_a_unit_for_people():
+    assert set(CHECKS) == {field.name for field in fields(Limits)}
+    result, log, task = answer()
+    checks = (Check("crossover_spread", 2.5e-05, 0.025, ""),)
+    page = render(replace(result, checks=checks), log, task, "ts-ff-lag")
+    assert "<th>Standard deviation of the crossover [Hz]</th>" in page and "2.5e−05" in page
 
 
 def test_without_a_fit_there_are_words_and_no_figures():

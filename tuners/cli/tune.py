@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -9,6 +10,7 @@ import click
 from tuners.cli import answer, plant
 from tuners.cli.example import example
 from tuners.cli.files import READABLE, Output, keep
+from tuners.cli.hints import hints
 from tuners.cli.log_options import log_options
 from tuners.cli.tuner_option import loaded
 from tuners.logs import Options, SelectionError, read_log
@@ -52,6 +54,8 @@ def command(
     except SelectionError as error:
         raise click.UsageError(str(error)) from None
     result = trained.tune(recording.steer, recording.yaw_rate, recording.Ts, recording.speed)
+    found = hints(trained, recording, result, options.steer_sign < 0)
+    result = replace(result, notes=(*result.notes, *found))
     if machine:
         click.echo(json.dumps(answer.as_json(result, recording, trained.task, tuner), indent=1))
     else:

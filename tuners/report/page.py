@@ -19,6 +19,20 @@ from yawrate_env.files import write_text
 from yawrate_env.task import Task
 
 LONGEST_LAG = 0.5  # [s]
+CHECKS = {
+    "speed": ("Speed outside the tuner's", "m/s"),
+    "noise": ("Residual over simulated yaw rate", "1"),
+    "phase_margin_spread": ("Standard deviation of the phase margin", "°"),
+    "crossover_spread": ("Standard deviation of the crossover", "Hz"),
+    "misfit": ("Yaw rate that no vehicle explains", "1"),
+    "response": ("Response off the fitted vehicle's", "1"),
+    "outside": ("Vehicle outside the prior", "1"),
+    "phase_margin_error": ("Phase margin off the target", "°"),
+    "crossover_error": ("Crossover off the target", "Hz"),
+    "colour": ("Residual's power at the crossover, over white", "1"),
+    "unsolved": ("Design or numerics failed", "1"),
+}
+"""Names and units for people."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +68,7 @@ def render(result: TuningResult, log: Log, task: Task, tuner: str) -> str:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["between"] = between
+    environment.filters |= {"between": between, "minus": minus}
     page = environment.from_string(template).render(
         result=result,
         log=log,
@@ -64,9 +78,19 @@ def render(result: TuningResult, log: Log, task: Task, tuner: str) -> str:
         forms=Forms.of(result.kp, result.Ti, task.target),
         assumed=_assumed(result, log, task, tuner),
         notes=(*log.notes, *result.notes),
+        checks=[(check, *_check_words(check.name)) for check in result.checks],
         **_pictures(result, log, task),
     )
     return page + "\n"
+
+
+def minus(number: str) -> str:
+    """A number with a true minus sign."""
+    return number.replace("-", "−")
+
+
+def _check_words(name: str) -> tuple[str, str]:
+    return CHECKS.get(name, (name.replace("_", " "), ""))
 
 
 def _pictures(result: TuningResult, log: Log, task: Task) -> dict[str, Any]:
@@ -102,7 +126,11 @@ def _margins(loop: Loop) -> list[tuple[str, str, str]]:
         ("Delay margin", m.delay_margin, 1e3, " ms", ".0f", "further delay that it bears"),
     ]
     return [
-        (name, f"{scale * value[0]:{form}}{unit}" if np.isfinite(value[0]) else "none", words)
+        (
+            name,
+            minus(f"{scale * value[0]:{form}}") + unit if np.isfinite(value[0]) else "none",
+            words,
+        )
         for name, value, scale, unit, form, words in rows
     ]
 
@@ -126,10 +154,11 @@ def _assumed(result: TuningResult, log: Log, task: Task, tuner: str) -> list[tup
         start = (
             "from rest, without offset"
             if fit.from_rest
-            else f"in mid-drive; offset {np.degrees(fit.offset):.3f} deg/s, "
+            else f"in mid-drive; offset {minus(f'{np.degrees(fit.offset):.3f}')} deg/s, "
             f"initial movement {np.degrees(fit.initial):.3f} deg/s rms"
         )
         c = fit.context
         found = f"friction {c.mu_s[0]:.3g}, load {c.M_delta[0]:.0f} kg, SNR {fit.snr_db:.1f} dB"
+        found = minus(found)
         rows += [("Start", start), ("Vehicle that fits", found)]
     return rows
