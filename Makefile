@@ -17,7 +17,7 @@ STAMP := $(VENV)/.installed
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 .SUFFIXES:
 .DEFAULT_GOAL := help
-.PHONY: help venv test test-fast lint reproduce results models clean
+.PHONY: help venv test test-fast lint reproduce results accuracy benchmark models clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -56,14 +56,31 @@ reproduce: $(STAMP) ## the paper's Table III and figures 4 to 8, made here
 	@echo "==> scripts/reproduce_paper.py"
 	@$(BIN)/python scripts/reproduce_paper.py --readme README.md
 
-results: reproduce ## everything in results/: the paper, five seeds of each agent, the page
-	@echo "==> scripts/compare_rl.py (an hour; trained agents in runs/rl are found again)"
+results: reproduce accuracy ## everything in results/: also five seeds of each agent, the nonlinear twin
+	@echo "==> scripts/compare_rl.py (half an hour; trained agents in runs/rl are found again)"
 	@$(BIN)/python scripts/compare_rl.py
+	@echo "==> scripts/nonlinear_twin.py"
+	@$(BIN)/python scripts/nonlinear_twin.py
 	@echo "==> scripts/make_results.py"
 	@$(BIN)/python scripts/make_results.py
 
+accuracy: $(STAMP) ## results/accuracy.md and its tables; about an hour
+	@for study in ratios trust budget learning million; do \
+		echo "==> scripts/accuracy.py $$study"; \
+		$(BIN)/python scripts/accuracy.py $$study || exit 1; \
+	done
+	@echo "==> scripts/off_design.py"
+	@$(BIN)/python scripts/off_design.py
+	@$(BIN)/python scripts/accuracy.py page --readme README.md
+
+benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
+	@echo "==> scripts/benchmark.py"
+	@$(BIN)/python scripts/benchmark.py
+	@echo "==> scripts/dataset_scale.py"
+	@$(BIN)/python scripts/dataset_scale.py --fresh
+
 models: $(STAMP) ## retrain the tuners that the package ships
-	@for name in ts-gbm ts-ff ts-gbm-gains ts-ff-gains ts-gbm-lag ts-ff-lag rl; do \
+	@for name in ts-gbm ts-ff ts-gbm-gains ts-ff-gains ts-gbm-lag ts-ff-lag ts-ff-lag-vx rl; do \
 		$(BIN)/python scripts/train.py $$name --out tuners/models/$$name.tuner || exit 1; \
 	done
 

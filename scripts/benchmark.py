@@ -10,8 +10,10 @@ import argparse
 import json
 from pathlib import Path
 
-from tuners import arguments, plots, speed, speed_page, stopwatch
+from tuners import arguments
+from tuners.benchmark import page, stages, stopwatch
 from tuners.progress import Bars
+from tuners.studies import plots
 from yawrate_env.files import write_text
 
 
@@ -33,17 +35,17 @@ def main() -> None:
             "versions": stopwatch.versions(),
             "batch": args.batch,
             "rounds": args.rounds,
-            "stages": speed.stages(args.batch, args.rounds, bars),
-            "first": speed.first_calls(),
-            "growth": speed.growth_in_fresh_process(speed.decades(args.largest)),
-            "training": speed.trainings(args.training, bars) if args.training else {},
+            "stages": stages.stages(args.batch, args.rounds, bars),
+            "first": stages.first_calls(),
+            "growth": stages.growth_in_fresh_process(stages.decades(args.largest)),
+            "training": stages.trainings(args.training, bars) if args.training else {},
         }
     for folder in (args.results, args.figures):
         folder.mkdir(parents=True, exist_ok=True)
     write_text(args.results / "benchmark.json", json.dumps(result, indent=1) + "\n")
-    write_text(args.results / "benchmark.md", speed_page.to_markdown(result))
-    plots.save(speed_page.picture(result), args.figures / "speed.png")
-    print(speed_page.to_markdown(result))
+    write_text(args.results / "benchmark.md", page.to_markdown(result))
+    plots.save(page.picture(result), args.figures / "speed.png")
+    print(page.to_markdown(result))
 
 
 if __name__ == "__main__":

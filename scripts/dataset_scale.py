@@ -10,9 +10,9 @@ import argparse
 import json
 from pathlib import Path
 
-from tuners import arguments, plots
-from tuners.data import scale
+from tuners import arguments
 from tuners.progress import Bars
+from tuners.studies import dataset_scale, plots
 from yawrate_env.files import write_text
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
@@ -30,20 +30,20 @@ def main() -> None:
     args = parser.parse_args()
     store = args.results / "datasets.json"
     known = json.loads(store.read_text())["sizes"] if store.exists() and not args.fresh else []
-    sizes = {size["episodes"]: scale.Size(**size) for size in known}
+    sizes = {size["episodes"]: dataset_scale.Size(**size) for size in known}
     wanted = [n for n in args.episodes or SIZES if n not in sizes]
     with Bars() as bars:
         for done, episodes in enumerate(wanted):
             bars("data sets", done, len(wanted))
-            sizes[episodes] = scale.measure(episodes, args.folder)
+            sizes[episodes] = dataset_scale.measure(episodes, args.folder)
             bars("data sets", done + 1, len(wanted))
-    result = scale.report([sizes[n] for n in sorted(sizes)])
+    result = dataset_scale.report([sizes[n] for n in sorted(sizes)])
     args.results.mkdir(parents=True, exist_ok=True)
     args.figures.mkdir(parents=True, exist_ok=True)
     write_text(store, json.dumps(result, indent=1) + "\n")
-    write_text(args.results / "datasets.md", scale.to_markdown(result))
-    plots.save(scale.picture(result), args.figures / "datasets.png")
-    print(scale.to_markdown(result))
+    write_text(args.results / "datasets.md", dataset_scale.to_markdown(result))
+    plots.save(dataset_scale.picture(result), args.figures / "datasets.png")
+    print(dataset_scale.to_markdown(result))
 
 
 if __name__ == "__main__":

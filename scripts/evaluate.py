@@ -10,7 +10,7 @@ import tuners
 from tuners import arguments, policies
 from tuners.evaluation import evaluate, write_csv
 from tuners.progress import Bars
-from tuners.table import row, to_markdown
+from tuners.studies.table import row, to_markdown
 from yawrate_env.contexts import CONTEXT_SETS, context_set
 
 

@@ -9,8 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import tuners
-from tuners import arguments, policies, results_page, scoreboard
+from tuners import arguments, policies
 from tuners.progress import Bars
+from tuners.studies import results_page, scoreboard
 
 
 def main() -> None:
@@ -38,7 +39,9 @@ def main() -> None:
     with Bars() as bars:
         board = scoreboard.run(players, protocol, bars)
     results_page.write(board, protocol, args.results)
-    print(results_page.table([r for r in board if r.context_set == protocol.context_sets[0]]))
+    first = protocol.context_sets[0]
+    shown = [row for row in board if row.context_set == first]
+    print(results_page.table(shown, results_page.bound(protocol, first)))
 
 
 if __name__ == "__main__":

@@ -6,8 +6,9 @@ python scripts/nonlinear_twin.py             # results/nonlinear.* and figures/,
 import argparse
 from pathlib import Path
 
-from tuners import arguments, nonlinear_plots, nonlinear_speed, nonlinear_study, plots
+from tuners import arguments
 from tuners.progress import Bars
+from tuners.studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
 from yawrate_env.files import write_text
 
 
@@ -26,14 +27,14 @@ def main() -> None:
     args = parser.parse_args()
     with Bars() as bars:
         speed = nonlinear_speed.measure(64, args.rounds, bars)
-        scores = nonlinear_study.study(args.episodes, args.seed, bars, training=args.training)
-    table = f"{nonlinear_study.to_markdown(scores)}\n{nonlinear_speed.to_markdown(speed)}"
+        scores = nonlinear.study(args.episodes, args.seed, bars, training=args.training)
+    table = f"{nonlinear.to_markdown(scores)}\n{nonlinear_speed.to_markdown(speed)}"
     args.results.mkdir(parents=True, exist_ok=True)
     args.figures.mkdir(parents=True, exist_ok=True)
     write_text(args.results / "nonlinear.md", table)
     write_text(
         args.results / "nonlinear.json",
-        nonlinear_study.to_json(scores, speed, args.training, args.seed),
+        nonlinear.to_json(scores, speed, args.training, args.seed),
     )
     plots.save(nonlinear_plots.overview(scores), args.figures / "nonlinear.png")
     print(table)

@@ -3,7 +3,7 @@
 python scripts/off_design.py                     # 1500 episodes, every tuner
 python scripts/off_design.py --episodes 100 --tuner gb --tuner my.tuner
 
-Results go to results/off_design.* and results/speed.*, pictures to figures/.
+Results go to results/off_design.* and results/schedule.*, pictures to figures/.
 """
 
 import argparse
@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 import tuners
-from tuners import arguments, plots
+from tuners import arguments
 from tuners.progress import Bars
-from tuners.studies import off_design, off_design_page, pictures, speed, speed_page
+from tuners.studies import off_design, off_design_page, pictures, plots, schedule, schedule_page
 from yawrate_env.task import Task
 
 NAMES = ("ts-gbm", "ts-ff", "ts-gbm-lag", "ts-ff-lag", "ts-ff-lag-vx", "gb", "rl")
@@ -46,14 +46,14 @@ def main() -> None:
         plots.save(pictures.off_design(cells), args.figures / "off_design.png")
 
         name, every = Path(args.every_speed).stem, tuners.load(args.every_speed)
-        bins = speed.accuracy(every, EDGES, **run, progress=bars)
+        bins = schedule.accuracy(every, EDGES, **run, progress=bars)
         fixed = tuners.load("ts-ff-lag")
-        prices = [speed.price("ts-ff-lag", fixed, 20.0, **run, progress=bars)]
-        prices += [speed.price(name, every, v_x, **run, progress=bars) for v_x in CLAIMED]
-    rows = [speed.schedule(every, *v, SPEEDS) for v in speed.vehicles(every.task.prior)]
-    speed_page.write(rows, bins, prices, args.episodes, args.seed, args.results)
+        prices = [schedule.price("ts-ff-lag", fixed, 20.0, **run, progress=bars)]
+        prices += [schedule.price(name, every, v_x, **run, progress=bars) for v_x in CLAIMED]
+    rows = [schedule.schedule(every, *v, SPEEDS) for v in schedule.vehicles(every.task.prior)]
+    schedule_page.write(rows, bins, prices, args.episodes, args.seed, args.results)
     plots.save(pictures.schedule(rows, bins, prices), args.figures / "schedule.png")
-    print((args.results / "off_design.md").read_text(), (args.results / "speed.md").read_text())
+    print((args.results / "off_design.md").read_text(), (args.results / "schedule.md").read_text())
 
 
 if __name__ == "__main__":

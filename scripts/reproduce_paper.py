@@ -6,8 +6,9 @@ python scripts/reproduce_paper.py            # results/ and figures/, about two 
 import argparse
 from pathlib import Path
 
-from tuners import arguments, paper, readme
+from tuners import arguments
 from tuners.progress import Bars
+from tuners.studies import paper, readme
 
 
 def main() -> None:

@@ -9,9 +9,10 @@ import torch
 from matplotlib.figure import Figure
 from scipy.stats import trim_mean
 
-from tuners import comparison, curve_plots, plots, rl, rl_training
-from tuners.comparison import Score, curve, interquartile_mean, interval
+from tuners import rl, rl_training
 from tuners.evaluation import Evaluation
+from tuners.studies import comparison, curve_plots, plots
+from tuners.studies.comparison import Score, curve, interquartile_mean, interval
 from yawrate_env.task import Task
 from yawrate_env.vehicle import Context
 

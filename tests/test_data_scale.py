@@ -9,37 +9,37 @@ import pytest
 from recordings import ROOT
 from test_imports import imported_names, modules_after
 
-from tuners.data import scale
-from tuners.data.scale import Size
+from tuners.studies import dataset_scale
+from tuners.studies.dataset_scale import Size
 
 SIZES = [Size(n, 2.0 + 1e-4 * n, 500.0, 120.0, 0.0) for n in (1000, 10_000, 100_000)]
 
 
 def test_the_line_of_exact_measurements():
-    start, each, error = scale.fit(SIZES)
+    start, each, error = dataset_scale.fit(SIZES)
     assert start == pytest.approx(2.0) and each == pytest.approx(1e-4) and error < 1e-12
 
 
 def test_small_sizes_count_as_much_as_large_ones():
     sizes = [*SIZES, Size(1_000_000, 1.1 * 102.0, 500.0, 120.0, 0.0)]
-    start, each, error = scale.fit(sizes)
+    start, each, error = dataset_scale.fit(sizes)
     assert abs(start + 1e3 * each - 2.1) < 0.05 * 2.1 and 0.03 < error < 0.1
 
 
 def test_report_table_and_picture():
-    result = scale.report([*SIZES, Size(1_000_000, 110.0, 600.0, 120.0, 1e-12)])
+    result = dataset_scale.report([*SIZES, Size(1_000_000, 110.0, 600.0, 120.0, 1e-12)])
     assert json.loads(json.dumps(result)) == result
-    text = scale.to_markdown(result)
+    text = dataset_scale.to_markdown(result)
     assert "| 100 000 | 12.0 | 8333 | 500 | 120 | equal |" in text
     assert "off by 1.0e-12" in text and "µs × episodes" in text
-    left, right = scale.picture(result).axes
+    left, right = dataset_scale.picture(result).axes
     assert left.get_xlabel() == right.get_xlabel() == "episodes"
-    assert right.get_ylim()[1] > scale.MEMORY_LIMIT
+    assert right.get_ylim()[1] > dataset_scale.MEMORY_LIMIT
 
 
 @pytest.mark.slow
 def test_a_size_is_measured(tmp_path):
-    found = scale.measure(200, tmp_path)
+    found = dataset_scale.measure(200, tmp_path)
     assert found.episodes == 200 and found.deviation == 0
     assert found.seconds > 0 and found.peak > 50 and 50 < found.stored < 1000
     assert list(tmp_path.iterdir()) == []
@@ -52,7 +52,7 @@ def test_the_script_measures_what_is_missing(tmp_path, monkeypatch, capsys):
         measured.append(episodes)
         return Size(episodes, 1.0 + 1e-4 * episodes, 400.0, 120.0, 0.0)
 
-    monkeypatch.setattr(scale, "measure", measure)
+    monkeypatch.setattr(dataset_scale, "measure", measure)
     places = ["--results", f"{tmp_path}/r", "--figures", f"{tmp_path}/f"]
     for sizes in (["1e3", "1e4"], ["1e4", "1e5"], []):
         options = [option for size in sizes for option in ("--episodes", size)]

@@ -5,8 +5,8 @@ import pytest
 from recordings import drawn
 
 from tuners.bound import information, noise_variance
-from tuners.information import after_averaging, in_armax, in_laguerre
 from tuners.laguerre import Laguerre
+from tuners.studies.information import after_averaging, in_armax, in_laguerre
 from yawrate_env.episode import excitation, plants
 from yawrate_env.simulation import simulate
 from yawrate_env.task import Experiment, Task

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from systems import contexts
 
-from tuners.nonlinear_reference import axle, solve
+from tuners.studies.nonlinear_reference import axle, solve
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.excitation import prbs

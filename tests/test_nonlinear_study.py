@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tuners import nonlinear_plots, nonlinear_speed, nonlinear_study, plots
-from tuners.nonlinear_study import GRAY, LINEAR, MISTAKEN, NONLINEAR, ORACLE, Score
+from tuners.studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
+from tuners.studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, ORACLE, Score
 from yawrate_env.batch import take
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.episode import excitation
@@ -28,7 +28,7 @@ def silent(*_):
 
 
 def test_factors_compare_the_twins():
-    found = nonlinear_study.factors(scores())
+    found = nonlinear.factors(scores())
     assert [(amplitude, low) for amplitude, low, *_ in found] == [
         (1.0, False), (1.0, True), (4.0, False), (4.0, True)
     ]  # fmt: skip
@@ -37,10 +37,10 @@ def test_factors_compare_the_twins():
 
 
 def test_tables_and_json_hold_every_score():
-    text = nonlinear_study.to_markdown(scores())
+    text = nonlinear.to_markdown(scores())
     assert all(text.count(f"| {name} |") == 4 for name in NAMES)
     assert "| ±4° | low friction | 10.0 | 5.0 |" in text
-    content = json.loads(nonlinear_study.to_json(scores(), [], training=60, seed=3))
+    content = json.loads(nonlinear.to_json(scores(), [], training=60, seed=3))
     assert len(content["rows"]) == 20 and content["conditions"]["seed"] == 3
     assert content["conditions"]["task"]["twin"]["tyre"]["friction"] == 0.99
 
@@ -58,8 +58,8 @@ def test_the_picture_shows_tyre_response_and_both_errors(tmp_path):
 
 
 def test_the_oracle_is_judged_without_error_and_low_friction_apart():
-    task = nonlinear_study.task_at(4.0)
-    found = nonlinear_study.judged(task, 4.0, {"gb": nonlinear_study.GrayBox(task)}, 24, 0)
+    task = nonlinear.task_at(4.0)
+    found = nonlinear.judged(task, 4.0, {"gb": nonlinear.GrayBox(task)}, 24, 0)
     by = {(s.tuner, s.low_friction): s for s in found}
     assert by[ORACLE, False].phase_margin < 1e-10 < by["gb", False].phase_margin
     context = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 24).context
@@ -67,7 +67,7 @@ def test_the_oracle_is_judged_without_error_and_low_friction_apart():
 
 
 def test_scipys_loop_agrees_with_what_it_is_timed_against():
-    task = nonlinear_study.task_at(4.0)
+    task = nonlinear.task_at(4.0)
     task = replace(task, experiment=replace(task.experiment, N=500))
     draw = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 3)
     u = excitation(task.experiment, draw.start)
@@ -81,7 +81,7 @@ def test_scipys_loop_agrees_with_what_it_is_timed_against():
 
 @pytest.mark.slow
 def test_training_on_the_nonlinear_twin_pays_at_four_degrees():
-    found = nonlinear_study.study(100, 0, silent, training=100, amplitudes=(4.0,))
-    for _, _, margin, crossover in nonlinear_study.factors(found):
+    found = nonlinear.study(100, 0, silent, training=100, amplitudes=(4.0,))
+    for _, _, margin, crossover in nonlinear.factors(found):
         assert margin > 20 and crossover > 20  # hundreds with more vehicles
     assert all(math.isfinite(s.tracking_error) and s.unstable == 0 for s in found)

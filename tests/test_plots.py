@@ -9,7 +9,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.path import Path
 
-from tuners import plots
+from tuners.studies import plots
 
 NAMES = ("gb", "ts-ff", "ts-gbm")
 TIME = 0.01 * np.arange(400)
@@ -110,7 +110,7 @@ def test_a_save_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
 
 
 def test_pyplot_is_not_imported():
-    program = "import sys, tuners.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
+    program = "import sys, tuners.studies.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 

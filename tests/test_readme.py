@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tuners.readme import END, START, updated
+from tuners.studies.readme import updated
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -16,19 +16,20 @@ def test_examples_run(block):
     exec(compile(block, "README.md", "exec"), {})
 
 
-def test_the_table_is_the_one_in_results():
-    table = (ROOT / "results" / "table3.md").read_text()
-    assert README == updated(README, table)
+@pytest.mark.parametrize("name", ["table3", "ratios"])
+def test_the_tables_are_those_in_results(name):
+    table = (ROOT / "results" / f"{name}.md").read_text()
+    assert README == updated(README, name, table)
 
 
 def test_a_table_is_replaced_and_nothing_else():
-    before = f"a\n{START}\nold\n{END}\nb\n"
-    assert updated(before, "| new |\n") == f"a\n{START}\n| new |\n{END}\nb\n"
+    before = "a\n<!-- t:start -->\nold\n<!-- t:end -->\nb\n"
+    assert updated(before, "t", "| new |\n") == before.replace("old", "| new |")
 
 
 def test_markers_are_needed():
     with pytest.raises(ValueError, match="table3:start"):
-        updated("no markers", "| new |")
+        updated("no markers", "table3", "| new |")
 
 
 @pytest.mark.parametrize("path", re.findall(r"\]\(((?!http)[^)#]+)\)", README))

@@ -165,7 +165,11 @@ def test_gymnasiums_same_step_batch_is_adapted_too():
 @pytest.mark.parametrize("name", AVAILABLE)
 def test_evaluate_policy_takes_every_tuner(name):
     tuner = tuners.load(name)
-    kwargs = {"visible": "context"} if name == "oracle" else {}
+    shown = {
+        "oracle": {"visible": "context"},
+        "ts-ff-lag-vx": {"visible": "speed", "v_x": [10, 33]},
+    }
+    kwargs = shown.get(name, {})
     vectors = VecMonitor(Sb3VecEnv(gymnasium.make_vec(PLAIN, num_envs=3, **kwargs)))
     mean, spread = evaluate_policy(tuner, vectors, n_eval_episodes=3)
     scalar, _ = evaluate_policy(tuner, Monitor(gymnasium.make(PLAIN, **kwargs)), 3)

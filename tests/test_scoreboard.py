@@ -9,10 +9,10 @@ from recordings import ROOT
 from test_scripts import run
 
 import tuners
-from tuners import results_page, scoreboard
 from tuners.baselines import Nominal, Oracle
 from tuners.evaluation import Evaluation
-from tuners.scoreboard import PROTOCOL, Estimate
+from tuners.studies import results_page, scoreboard
+from tuners.studies.scoreboard import PROTOCOL, Estimate
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.judge import Judge
 from yawrate_env.reward import reward
@@ -213,7 +213,7 @@ def test_the_page_shows_the_rows_and_what_is_missing(trial, tmp_path):
     assert "A trial: evaluation protocol 1 cut to 20 episodes" in text
     assert "## Also here" not in text and "`ts-ff`" in text.split("Not here")[1].splitlines()[0]
     lines = [line for line in text.splitlines() if line.startswith("| `nominal`")]
-    assert len(lines) == 2 and all(line.count("|") == 9 for line in lines)
+    assert len(lines) == 2 and all(line.count("|") == 10 for line in lines)
     assert f"{rows[1].reward.value:#.3g} ({rows[1].reward.low:#.3g} to" in lines[0]
     assert "| 0.0000 (0.0000 to 0.0000) |" in lines[0]
     assert "{" not in text.replace("```", "")  # every field was filled

@@ -174,7 +174,7 @@ def test_the_whole_paper_in_small(tmp_path):
 
     table = json.loads((results / "table3.json").read_text())
     names = [row["tuner"] for row in table["rows"]]
-    assert names[:3] == ["gb", "ts-ff", "ts-gbm"] and names[-1] == "Cramér–Rao bound"
+    assert names[:3] == ["gb", "ts-ff", "ts-gbm"] and names[-1] == "posterior spread"
     assert {"ts-ff-gains", "ts-gbm-gains", "nominal", "oracle"} < set(names)
     assert table["conditions"]["episodes"] == 60 and table["conditions"]["seed"] == 4
     paper = {row["tuner"]: row["paper"] for row in table["rows"][:3]}

@@ -12,9 +12,8 @@ from recordings import ROOT, drawn, recorded
 from scipy.signal import welch
 
 import tuners
-from tuners import plots
 from tuners.bound import cramer_rao
-from tuners.studies import conditions, off_design, off_design_page, pictures
+from tuners.studies import conditions, off_design, off_design_page, pictures, plots
 from tuners.studies.conditions import SPEED, SWEEPS
 from tuners.studies.off_design import Accuracy, cell, measure, study
 from yawrate_env.task import Experiment, Target, Task
@@ -245,6 +244,6 @@ def test_the_script_writes_everything(tmp_path, monkeypatch, capsys):
     out = ["--results", str(tmp_path), "--figures", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", ["off_design.py", "--episodes", "3", "--tuner", "gb", *out])
     runpy.run_path(str(ROOT / "scripts" / "off_design.py"), run_name="__main__")
-    names = {"off_design.json", "off_design.md", "off_design.png", "speed.json", "speed.md"}
+    names = {"off_design.json", "off_design.md", "off_design.png", "schedule.json", "schedule.md"}
     assert {path.name for path in tmp_path.iterdir()} == names | {"schedule.png"}
     assert "# Off the design point" in capsys.readouterr().out

@@ -7,7 +7,7 @@ import pytest
 
 from tuners.evaluation import Evaluation
 from tuners.metrics import bootstrap_interval
-from tuners.table import PAPER, bound_row, row, to_json, to_markdown
+from tuners.studies.table import PAPER, bound_row, row, to_json, to_markdown
 from yawrate_env.judge import Judge
 from yawrate_env.task import Task
 from yawrate_env.vehicle import Context
@@ -80,7 +80,7 @@ def test_json_loads_again():
 def test_markdown_is_a_table():
     lines = to_markdown(rows()).splitlines()
     cells = [[c.strip() for c in line.strip("|").split("|")] for line in lines]
-    assert len(lines) == 2 + 3 and {len(c) for c in cells} == {10}
+    assert len(lines) == 2 + 3 and {len(c) for c in cells} == {11}
     assert set(cells[1]) == {"---"}
     header, first, second, bound = cells[0], *cells[2:]
     assert (first[0], second[0], bound[0]) == ("`ts-ff`", "`nominal`", "*Cramér–Rao bound*")
@@ -89,7 +89,7 @@ def test_markdown_is_a_table():
     assert column["crossover [Hz] mean ± std"] == "1.4975 ± 0.0148"
     assert (column["rms% kp"], column["rms% Ti"], column["unstable"]) == ("10.0", "20.0", "2")
     assert first[3] == "59.99 ± 0.1714" and first[6] == "1.5 ± 0.0032" and second[3] == ""
-    assert bound[1] == "60.000 ± 0.0100" and bound[7:] == ["", "", ""]
+    assert bound[1] == "60.000 ± 0.0100" and bound[7:] == ["", "", "", "1 / 1"]
 
 
 @pytest.mark.parametrize(

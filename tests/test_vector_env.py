@@ -1,3 +1,5 @@
+import tracemalloc
+
 import gymnasium
 import numpy as np
 import pytest
@@ -270,3 +272,24 @@ def test_a_thousand_environments_in_one_batch():
     one = Env(N=200)
     for i in (0, 511, 999):
         np.testing.assert_array_equal(obs[i], one.reset(seed=i)[0])
+
+
+def most_memory(num_envs, steps):
+    """Largest memory that a run takes beyond what was there before [B]."""
+    env = VectorEnv(num_envs, N=2000)
+    tracemalloc.start()
+    env.reset(seed=0)
+    for _ in range(steps):
+        env.step(np.full((num_envs, 2), 0.2))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return peak
+
+
+def test_memory_grows_with_the_number_of_environments_only():
+    VectorEnv(16, N=2000).reset(seed=0)  # what is made once
+    few = most_memory(64, 2)
+    assert most_memory(64, 20) < 1.1 * few
+    assert most_memory(256, 2) < 4.4 * few
+    # The observations that are returned, and about as much again on the way to them.
+    assert few < 4 * 64 * 2 * 2000 * 4

@@ -44,9 +44,9 @@ RECIPES = {
     ),
     "ts-ff-lag-vx": Recipe(
         FrequencyResponse(order=12, pole=12.0, low=0.3, high=6.0, points=6),
-        FeedForwardSettings(neurons=24, max_fail=10, epochs=400),
+        TrendSettings(FeedForwardSettings(neurons=28, max_fail=10, epochs=400)),
         noise_draws=4,
-        vehicles=5000,
+        vehicles=7000,
         v_x=(10.0, 33.0),
     ),
 }

@@ -16,6 +16,7 @@ class GrayBox(Tuner):
     """Identify the vehicle, then design for it."""
 
     kind: ClassVar[str] = "gray-box"
+    any_experiment = True
 
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Design for the identified vehicles."""

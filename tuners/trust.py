@@ -14,7 +14,6 @@ scaled error as score.
 """
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,7 @@ from yawrate_env.design import Design, Status
 from yawrate_env.episode import plants
 from yawrate_env.judge import Judge
 from yawrate_env.loop import TransferFunction
-from yawrate_env.task import Prior, Task
+from yawrate_env.task import Task
 from yawrate_env.vehicle import Context
 
 Array = NDArray[np.float64]
@@ -38,7 +37,6 @@ GAUSSIAN = 1.6449
 """Half width of the interval of `LEVEL` in standard deviations, for a normal error."""
 
 _STEP = 1e-4
-_LOWER = np.array([1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1])  # gains for the fallback, relative
 _DOUBT = 3.0  # standard deviations that a finding must exceed to count
 
 
@@ -295,6 +293,8 @@ def _twin_fit(found: Assessment) -> TwinFit:
     twins, recording = found.twins, found.model.recording
     simulated, residual = twins.simulated[0], twins.residual[0]
     free = found.model.free[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        snr_db = float(10 * np.log10(simulated.var() / np.mean(residual**2)))
     return TwinFit(
         context=take(twins.context, slice(0, 1)),
         command=recording.u[0],
@@ -304,7 +304,7 @@ def _twin_fit(found: Assessment) -> TwinFit:
         offset=float(found.model.offset[0]),
         initial=float(np.sqrt(np.mean((free - found.model.offset[0]) ** 2))),
         from_rest=not found.model.unknown[0],
-        snr_db=float(10 * np.log10(simulated.var() / np.mean(residual**2))),
+        snr_db=snr_db,
     )
 
 
@@ -324,33 +324,3 @@ def conformal(predicted: Array, spread: Array, actual: Array, level: float = LEV
     """
     scores = np.sort(np.abs(actual - predicted) / spread, axis=0)
     return np.asarray(scores[int(np.ceil((len(scores) + 1) * level)) - 1])
-
-
-def prior_grid(prior: Prior, mu_s: int, M_delta: int, v_x: int) -> Context:
-    """Vehicles on a grid of so many points over the prior, its ends included."""
-    ranges = ((prior.mu_s, mu_s), (prior.M_delta, M_delta), (prior.v_x, v_x))
-    axes = [np.linspace(low, high, count if low < high else 1) for (low, high), count in ranges]
-    return Context.of(*(axis.ravel() for axis in np.meshgrid(*axes)))
-
-
-@cache
-def fallback(task: Task) -> tuple[float, float]:
-    """(kp, Ti) that are safe for every vehicle of the prior.
-
-    Of the gains that are right for some vehicle of a grid, and of the same with lower
-    kp, those that keep every vehicle's loop farther than 1/2 from -1 and whose slowest
-    loop is the fastest; the safest of all where none does.
-    """
-    vehicles = prior_grid(task.prior, 6, 3, 5)
-    design = Judge.of(task, prior_grid(task.prior, 4, 2, 3)).oracle()
-    right = np.isfinite(design.kp)
-    kp = (design.kp[right, None] * _LOWER).ravel()
-    Ti = np.repeat(design.Ti[right], len(_LOWER))
-    count, each = len(vehicles), len(kp)
-    everyone = take(vehicles, np.repeat(np.arange(count), each))
-    verdict = Judge.of(task, everyone)(np.tile(kp, count), np.tile(Ti, count))
-    modulus = np.where(verdict.stable, verdict.margins.modulus_margin, 0.0)
-    safety = modulus.reshape(count, each).min(axis=0)
-    speed = np.nan_to_num(verdict.margins.crossover.reshape(count, each)).min(axis=0)
-    best = np.argmax(np.where(safety >= 0.5, 1.0 + speed, safety - 1.0))
-    return float(kp[best]), float(Ti[best])

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tuners import model_file
+from tuners.fallback import fallback
 from tuners.recording import Recording
 from tuners.result import TuningResult
 from tuners.start import black_box
-from tuners.trust import Assessment, Calibration, assess, fallback, result
+from tuners.trust import Assessment, Calibration, assess, result
 from yawrate_env import validation
 from yawrate_env.design import Design, Status
 from yawrate_env.judge import Judge
@@ -40,6 +41,8 @@ class Tuner(ABC):
     """
 
     kind: ClassVar[str]
+    any_experiment: bool = False
+    """Whether sampling time and length make no difference, so that no note is due."""
 
     def __init__(self, task: Task) -> None:
         self.task, self.calibration = task, Calibration()
@@ -182,9 +185,9 @@ class Tuner(ABC):
     def _differences(self, recording: Recording) -> tuple[str, ...]:
         experiment, prior = self.task.experiment, self.task.prior
         notes = []
-        if not np.isclose(recording.Ts, experiment.Ts):
+        if not self.any_experiment and not np.isclose(recording.Ts, experiment.Ts):
             notes.append(f"Ts is {recording.Ts:g} s, made for {experiment.Ts:g} s.")
-        if recording.y.shape[1] != experiment.N:
+        if not self.any_experiment and recording.y.shape[1] != experiment.N:
             notes.append(f"{recording.y.shape[1]} samples, made for {experiment.N}.")
         if recording.v_x is not None and not (
             prior.v_x[0] - 0.25 <= recording.v_x[0] <= prior.v_x[1] + 0.25

@@ -84,7 +84,8 @@ def fit(task: Task, start: Context, model: BlackBox, measured: Array, v_x: Array
         context = _physical(vehicle, moved(vehicle, context, step))
     error, slopes = _signals(vehicle, context, recording, model.unknown, Z)
     noise = noise_level(error, recording.Ts)
-    covariance = noise[:, None, None] * _inverse(slopes @ slopes.transpose(0, 2, 1))
+    with np.errstate(invalid="ignore"):  # no noise and no information: no answer
+        covariance = noise[:, None, None] * _inverse(slopes @ slopes.transpose(0, 2, 1))
     return Twins(context, found.converged, measured - error, error, noise, covariance)
 
 

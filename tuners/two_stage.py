@@ -12,6 +12,7 @@ from tuners.compressors import FirstStage, compressor, conditioned, described
 from tuners.feedforward import FeedForward, FeedForwardSettings
 from tuners.gbm import GBM, GBMSettings
 from tuners.recording import Recording
+from tuners.response import FrequencyResponse
 from tuners.trend import Trend, TrendSettings
 from tuners.tuner import Tuner, task_from
 from yawrate_env.design import Design
@@ -91,6 +92,7 @@ class TwoStage(Tuner):
         super().__init__(task)
         self.compressor, self.learner = compressor, learner
         self.coordinates, self.training = coordinates, training
+        self.any_experiment = isinstance(compressor, FrequencyResponse)
 
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Compress, predict, convert."""

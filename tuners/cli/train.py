@@ -1,6 +1,7 @@
 """``yawrate train``."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,14 +14,16 @@ from tuners.cli.example import example
 from tuners.cli.files import READABLE, Output
 from tuners.cli.numbers import COUNT
 from tuners.feedforward import FeedForwardSettings
+from tuners.trend import TrendSettings
 from yawrate_env.task import Task
 
 if TYPE_CHECKING:
     from tuners import Tuner
 
 VALIDATION = 300
-RECIPE, VEHICLES, NOISE_DRAWS = "ts-ff-lag-vx", 4000, 2
-LEARNER = FeedForwardSettings(neurons=24, max_fail=10, epochs=200)
+RECIPE, VEHICLES, NOISE_DRAWS = "ts-ff-lag-vx", 3000, 3
+LEARNER = TrendSettings(FeedForwardSettings(neurons=20, max_fail=10, epochs=150))
+CALIBRATION = 3000
 """For any speed and signal; less of everything than the shipped tuner had, to take a minute."""
 
 
@@ -53,6 +56,7 @@ def command(vehicle: Path | None, out: Path, episodes: int | None, seed: int) ->
     module is found beside the file.
     """
     import tuners
+    from tuners.calibration import calibrate
     from tuners.plants.entry import from_toml
     from tuners.progress import Bars
 
@@ -64,6 +68,7 @@ def command(vehicle: Path | None, out: Path, episodes: int | None, seed: int) ->
     recipe = replace(tuners.RECIPES[RECIPE], learner=LEARNER, noise_draws=NOISE_DRAWS)
     with Bars() as bars:
         tuner = tuners.train(recipe, task, episodes=episodes or VEHICLES, seed=seed, progress=bars)
+        calibrate(tuner, episodes=CALIBRATION, seed=seed, progress=partial(bars, "calibrating"))
     tuner.save(out)
     click.echo(f"{out}: {accuracy(tuner, task, seed)}")
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tuners.plants.evaluation import GRAY_BOX, NOMINAL, TUNER, Comparison
 from tuners.plants.plant import Plant
-from tuners.plots import COLOURS, INK, NOISE, STYLE, WIDTH
+from tuners.studies.plots import COLOURS, INK, NOISE, STYLE, WIDTH
 from yawrate_env import rendering
 
 Array = NDArray[np.float64]

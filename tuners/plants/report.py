@@ -25,8 +25,8 @@ from tuners.plants.pictures import overview
 from tuners.plants.plant import Plant
 from tuners.plants.training import train
 from tuners.plants.tuner import PlantTuner
-from tuners.plots import DPI
 from tuners.progress import Bars
+from tuners.studies.plots import DPI
 from yawrate_env import validation
 from yawrate_env.files import replacing, write_text
 

@@ -4,7 +4,7 @@ Down a tuner's column something is lost at every step, and nothing else changes:
 
 1. the information in the whole recording, which is the Cramer-Rao bound;
 2. what block averaging keeps of it (ARMAX alone averages);
-3. what the features keep of it (`tuners.information`);
+3. what the features keep of it (`tuners.studies.information`);
 4. the best network that we can train on these features, with as many vehicles as it takes;
 5. the tuner's own learner, with as many;
 6. the same with the usual number of vehicles;
@@ -18,7 +18,6 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners import information
 from tuners.armax import Armax
 from tuners.bound import cramer_rao, inverse, margin_sensitivity, posterior_spread, spread
 from tuners.catalogue import RECIPES
@@ -26,7 +25,7 @@ from tuners.compressors import FirstStage
 from tuners.feedforward import FeedForwardSettings
 from tuners.gray_box import GrayBox
 from tuners.laguerre import Laguerre
-from tuners.studies import nested
+from tuners.studies import information, nested
 from tuners.studies.rows import HEAD, Row, cells, errors, row
 from tuners.two_stage import Recipe
 from yawrate_env.batch import take

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tuners.recording import Recording
 from tuners.studies.rows import QUANTITIES
-from tuners.table import short
+from tuners.studies.table import short
 from tuners.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.contexts import CONTEXT_SETS

@@ -5,8 +5,9 @@ root mean square over the same vehicles and inputs.  Intervals come from resampl
 episodes, error and bound together.
 """
 
+import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from tuners.bound import cramer_rao
 from tuners.catalogue import RECIPES, load, train
 from tuners.evaluation import evaluate
 from tuners.feedforward import FeedForwardSettings
+from tuners.gbm import GBMSettings
 from tuners.gray_box import GrayBox
 from tuners.laguerre import Laguerre
 from tuners.metrics import bootstrap_interval, ratio_of_rms
@@ -29,9 +31,18 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 RANDOM = Recipe(
-    Laguerre(order=16, pole=15.0), FeedForwardSettings(neurons=16, max_fail=10), noise_draws=12
+    Laguerre(order=16, pole=12.0),
+    FeedForwardSettings(neurons=16, max_fail=10, epochs=400),
+    noise_draws=12,
 )
 """For random registers, where what a basis leaves out is noise too: more functions."""
+
+TREES = Recipe(
+    Laguerre(order=8, pole=12.0),
+    GBMSettings(n_estimators=3000, max_depth=6, max_leaves=0, learning_rate=0.05),
+    noise_draws=12,
+)
+"""Boosted trees on Laguerre features and nothing else."""
 
 MANY = 40_000
 
@@ -115,7 +126,7 @@ def run(
     speeds = Task(prior=Prior(v_x=RECIPES["ts-ff-lag-vx"].v_x))
     fixed, varied, every = "same excitation", "random register", "10 to 33 m/s"
     vehicles = f"{RECIPES['ts-ff-lag'].vehicles} × 12 draws"
-    trees = replace(RECIPES["ts-gbm-lag"], noise_draws=2)
+    alone = "ts-gbm-lag without its trend"
     shown = RECIPES["ts-ff-lag-vx"]
     return [
         entry("gb", GrayBox(task), fixed, "–", close, progress),
@@ -132,11 +143,17 @@ def run(
             f"{shown.vehicles} × {shown.noise_draws} draws", close, progress,
         ),
         entry("ts-gbm-lag", load("ts-gbm-lag"), fixed, vehicles, episodes, progress),
+        entry(alone, train(TREES, task, progress=progress), fixed, vehicles, episodes, progress),
         entry(
-            "ts-gbm-lag", train(trees, task, episodes=many, progress=progress),
+            alone, train(replace(TREES, noise_draws=2), task, episodes=many, progress=progress),
             fixed, f"{many} × 2 draws", episodes, progress,
         ),
     ]  # fmt: skip
+
+
+def to_json(rows: Sequence[Entry]) -> str:
+    """The same for programs."""
+    return json.dumps([asdict(row) for row in rows], indent=1) + "\n"
 
 
 def to_markdown(rows: Sequence[Entry]) -> str:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tuners.evaluation import Policy, evaluate
 from tuners.metrics import bootstrap_interval, ratio_of_rms, rms
-from tuners.table import short
+from tuners.studies.table import short
 from yawrate_env.contexts import CONTEXT_SETS, ContextSet
 from yawrate_env.task import Task
 

@@ -1,7 +1,7 @@
 """Whether tuners know when not to be trusted.
 
 Four questions, each on episodes that no training and no calibration saw: faulty and
-foreign recordings (`tuners.faults`), usual ones, usable ones of an unusual experiment,
+foreign recordings (`tuners.studies.faults`), usual ones, usable ones of an unusual experiment,
 and whether intervals of 90 % hold nine times in ten.
 """
 
@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners import faults
 from tuners.bound import cramer_rao
 from tuners.calibration import assessed
 from tuners.recording import Recording
+from tuners.studies import faults
 from tuners.trust import Limits
 from tuners.tuner import Tuner
 from yawrate_env.batch import take
@@ -88,7 +88,7 @@ class Coverage:
 
 
 def faulty(tuner: Tuner, count: int, seed: int, progress: Progress | None = None) -> list[Count]:
-    """Every kind of `tuners.faults.KINDS`, `count` recordings each."""
+    """Every kind of `tuners.studies.faults.KINDS`, `count` recordings each."""
     rows = []
     for number, (name, kind) in enumerate(faults.KINDS.items()):
         made = kind(tuner.task, np.random.default_rng((seed, number)), count)

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.nonlinear_reference import solve
-from tuners.nonlinear_study import task_at
+from tuners.studies.nonlinear import task_at
+from tuners.studies.nonlinear_reference import solve
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, cores, over_blocks
 from yawrate_env.contexts import CONTEXT_SETS

@@ -1,4 +1,4 @@
-"""The tables of `tuners.studies.speed`, as JSON and as a page."""
+"""The tables of `tuners.studies.schedule`, as JSON and as a page."""
 
 import json
 import math
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tuners.studies.off_design_page import shown
-from tuners.studies.speed import Bin, Price, Schedule
+from tuners.studies.schedule import Bin, Price, Schedule
 from yawrate_env.files import write_text
 
 _PAGE = """\
@@ -16,7 +16,7 @@ _PAGE = """\
 
 `ts-ff-lag-vx` is given the speed of the recording. Tests are {episodes} episodes of the `test`
 set (seed {seed}) over the whole range, and {wrong} for each wrong speed; 95 % bootstrap intervals
-are in `speed.json`. Errors are root mean squares of the distance from the target.
+are in `schedule.json`. Errors are root mean squares of the distance from the target.
 
 ## Accuracy against speed (× the bound)
 
@@ -24,7 +24,7 @@ are in `speed.json`. Errors are root mean squares of the distance from the targe
 ## Gain schedule
 
 From one recording at each speed, and the design rule's that knows the vehicle in brackets; the
-vehicle is the one in the middle of the prior. Others are in `speed.json` and in
+vehicle is the one in the middle of the prior. Others are in `schedule.json` and in
 `figures/schedule.png`.
 
 {schedule}
@@ -45,7 +45,7 @@ def write(
     seed: int,
     folder: Path,
 ) -> None:
-    """Write ``speed.json`` and ``speed.md`` into a folder that exists."""
+    """Write ``schedule.json`` and ``schedule.md`` into a folder that exists."""
     found = {
         "conditions": {
             "set": "test",
@@ -58,8 +58,8 @@ def write(
         "wrong_speed": [{**asdict(p), "degrees": p.degrees} for p in prices],
     }
     text = json.dumps(_finite(found), indent=1, allow_nan=False)
-    write_text(folder / "speed.json", text + "\n")
-    write_text(folder / "speed.md", page(rows, bins, prices, episodes, seed))
+    write_text(folder / "schedule.json", text + "\n")
+    write_text(folder / "schedule.md", page(rows, bins, prices, episodes, seed))
 
 
 def page(

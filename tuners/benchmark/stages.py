@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from tuners import catalogue, rivals, throughput
+from tuners import catalogue
 from tuners.armax import armax
+from tuners.benchmark import rivals, throughput
+from tuners.benchmark.stopwatch import Contender, Times, race
 from tuners.datasets import simulate_dataset
 from tuners.identification import identify
 from tuners.laguerre import Laguerre
 from tuners.recording import Recording
-from tuners.stopwatch import Contender, Times, race
 from tuners.tuner import nominal_context
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES

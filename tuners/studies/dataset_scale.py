@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.benchmark.stopwatch import processor
 from tuners.data.folder import deviation, verify
-from tuners.stopwatch import processor
 from yawrate_env.compiled import cores
 
 Array = NDArray[np.float64]
@@ -140,7 +140,7 @@ def picture(result: dict[str, Any]) -> Any:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    from tuners.plots import COLOURS, INK, STYLE, WIDTH
+    from tuners.studies.plots import COLOURS, INK, STYLE, WIDTH
 
     sizes, line = result["sizes"], result["line"]
     n, seconds, peak = (

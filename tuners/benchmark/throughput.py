@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from tuners.stopwatch import Contender, Times, race
+from tuners.benchmark.stopwatch import Contender, Times, race
 from yawrate_env import ENV_ID
 from yawrate_env.compiled import cores
 

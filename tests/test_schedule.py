@@ -1,4 +1,4 @@
-"""One tuner over all speeds: as a policy, its schedule, its accuracy, a wrong speed."""
+"""One tuner over all speeds: as a policy, its schedule, its accuracy, a wrong schedule."""
 
 import json
 
@@ -8,10 +8,9 @@ import pytest
 
 import tuners
 import yawrate_env
-from tuners import plots
 from tuners.bound import cramer_rao
 from tuners.gray_box import GrayBox
-from tuners.studies import pictures, speed, speed_page
+from tuners.studies import pictures, plots, schedule, schedule_page
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.judge import Judge
 from yawrate_env.task import Prior, Task
@@ -32,8 +31,8 @@ def learned():
 @pytest.fixture(scope="module")
 def rows(learned):
     return [
-        speed.schedule(learned, *v, [10.0, 15.0, 20.0, 25.0, 30.0, 33.0])
-        for v in speed.vehicles(TASK.prior)
+        schedule.schedule(learned, *v, [10.0, 15.0, 20.0, 25.0, 30.0, 33.0])
+        for v in schedule.vehicles(TASK.prior)
     ]
 
 
@@ -83,7 +82,7 @@ def test_the_oracles_gains_give_the_target_at_every_speed(rows):
 
 
 def test_vehicles_are_the_middle_and_the_corners():
-    assert speed.vehicles(TASK.prior) == [
+    assert schedule.vehicles(TASK.prior) == [
         (pytest.approx(0.7), 150.0), (0.3, 0.0), (0.3, 300.0), (1.1, 0.0), (1.1, 300.0),
     ]  # fmt: skip
 
@@ -91,7 +90,7 @@ def test_vehicles_are_the_middle_and_the_corners():
 def test_bins_hold_all_episodes_and_their_own_bound():
     edges, episodes = [10.0, 21.0, 33.0], 120
     calls = []
-    bins = speed.accuracy(GRAY, edges, episodes=episodes, progress=lambda *c: calls.append(c))
+    bins = schedule.accuracy(GRAY, edges, episodes=episodes, progress=lambda *c: calls.append(c))
     assert sum(b.episodes for b in bins) == episodes and calls[-1][1:] == (episodes, episodes)
     draw = CONTEXT_SETS["test"].draw(TASK.prior, 0, 0, episodes)
     bound = cramer_rao(TASK, draw)
@@ -104,7 +103,7 @@ def test_bins_hold_all_episodes_and_their_own_bound():
 
 
 def test_a_metre_a_second_costs_three_to_four_degrees():
-    found = speed.price("gb", GrayBox(Task()), 20.0, episodes=40)
+    found = schedule.price("gb", GrayBox(Task()), 20.0, episodes=40)
     errors = [c.phase_margin.rms for c in found.cells]
     assert 2.5 < found.degrees < 4.5
     assert errors[3] < 0.02 and errors == sorted(errors[:4], reverse=True) + sorted(errors[4:])
@@ -112,13 +111,13 @@ def test_a_metre_a_second_costs_three_to_four_degrees():
 
 
 def test_page_and_picture(rows, tmp_path):
-    bins = speed.accuracy(GRAY, [10.0, 20.0, 33.0], episodes=20)
-    prices = [speed.price("gb", GrayBox(Task()), 20.0, episodes=3)]
-    speed_page.write(rows, bins, prices, 20, 0, tmp_path)
-    read = json.loads((tmp_path / "speed.json").read_text())
+    bins = schedule.accuracy(GRAY, [10.0, 20.0, 33.0], episodes=20)
+    prices = [schedule.price("gb", GrayBox(Task()), 20.0, episodes=3)]
+    schedule_page.write(rows, bins, prices, 20, 0, tmp_path)
+    read = json.loads((tmp_path / "schedule.json").read_text())
     assert len(read["schedule"]) == 5 and len(read["accuracy"]) == 2
     assert read["wrong_speed"][0]["degrees"] == pytest.approx(prices[0].degrees)
-    text = (tmp_path / "speed.md").read_text()
+    text = (tmp_path / "schedule.md").read_text()
     assert "| 10 to 20 |" in text and "| `gb` | 20 m/s |" in text
     figure = pictures.schedule(rows, bins, prices)
     kp, Ti, errors, wrong = figure.axes
@@ -131,4 +130,4 @@ def test_page_and_picture(rows, tmp_path):
 
 def test_no_episodes_are_refused():
     with pytest.raises(ValueError, match="episodes = 0"):
-        speed.accuracy(GRAY, [10.0, 33.0], episodes=0)
+        schedule.accuracy(GRAY, [10.0, 33.0], episodes=0)

@@ -8,14 +8,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tuners import plots
 from tuners.armax import Armax, armax, simulated
-from tuners.bound import cramer_rao
+from tuners.bound import cramer_rao, posterior_spread
 from tuners.catalogue import RECIPES, UNTRAINED, train
 from tuners.datasets import simulate_dataset
 from tuners.evaluation import Evaluation, evaluate, write_csv
 from tuners.recording import Recording
-from tuners.table import bound_row, row, to_json, to_markdown
+from tuners.studies import plots
+from tuners.studies.table import bound_row, row, to_json, to_markdown
 from tuners.tuner import Tuner
 from yawrate_env import closed_loop
 from yawrate_env.contexts import CONTEXT_SETS
@@ -58,6 +58,7 @@ def reproduce(episodes: int, seed: int, results: Path, figures: Path, progress: 
     rows = [row(e, task) for e in found]
     bound = cramer_rao(task, draw)
     rows.append(bound_row(bound, task))
+    rows.append(bound_row(posterior_spread(task, draw), task, "posterior spread"))
     write_csv(results / "episodes.csv", found)
     conditions = {"task": asdict(task), "episodes": episodes, "seed": seed}
     write_text(results / "table3.json", to_json(rows, conditions))

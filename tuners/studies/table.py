@@ -64,17 +64,18 @@ def to_json(rows: Sequence[Row], conditions: dict[str, Any]) -> str:
 
 
 def to_markdown(rows: Sequence[Row]) -> str:
-    """The table as people read it: ours, then the paper's in brackets' place."""
+    """The table as people read it: ours, the paper's beside it, errors over the bound's."""
     lines = [
         "| tuner | phase margin [°] mean ± std | std 95 % | paper | crossover [Hz] mean ± std "
-        "| std 95 % | paper | rms% kp | rms% Ti | unstable |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| std 95 % | paper | rms% kp | rms% Ti | unstable | × bound |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    lines += [_line(r) for r in rows]
+    bound = next((r for r in rows if "unstable" not in r), None)
+    lines += [_line(r, bound) for r in rows]
     return "\n".join(lines) + "\n"
 
 
-def _line(r: Row) -> str:
+def _line(r: Row, bound: Row | None) -> str:
     paper = r.get("paper") or {}
     cells = [f"`{r['tuner']}`" if "unstable" in r else f"*{r['tuner']}*"]
     for name, places in (("phase_margin", 3), ("crossover", 4)):
@@ -86,6 +87,12 @@ def _line(r: Row) -> str:
     percent = r.get("rms_percent", {})
     cells += [short(percent[k]) if k in percent else "" for k in ("kp", "Ti")]
     cells.append(str(r.get("unstable", "")))
+    ratios = [
+        r[name].get("rmse", r[name]["std"]) / bound[name]["std"]
+        for name in ("phase_margin", "crossover")
+        if bound is not None and bound[name]["std"] > 0
+    ]
+    cells.append(" / ".join(f"{ratio:.3g}" for ratio in ratios))
     return "| " + " | ".join(cells) + " |"
 
 

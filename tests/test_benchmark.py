@@ -5,10 +5,10 @@ import pytest
 from matplotlib.figure import Figure
 from recordings import drawn, recorded
 
-from tuners import rivals, speed, speed_page
+from tuners.benchmark import page, rivals, stages
+from tuners.benchmark.stopwatch import Contender, race
 from tuners.identification import identify
 from tuners.laguerre import Laguerre
-from tuners.stopwatch import Contender, race
 from tuners.tuner import nominal_context
 from yawrate_env.episode import plants
 from yawrate_env.simulation import simulate
@@ -56,19 +56,19 @@ def test_rivals_identify_the_same_vehicle():
 
 
 def test_simulation_leaves_python_control_behind():
-    found = race(speed.simulations(64), 2, lambda done, of: None)
+    found = race(stages.simulations(64), 2, lambda done, of: None)
     # Thousands where nothing else runs.
     assert found["python-control forced_response"]["ratio"]["least"] > 100
     assert found["scipy sosfilt"]["ratio"]["median"] > 1
 
 
 def test_an_input_in_every_episode_costs_less_than_one_after_the_other():
-    found = race(speed.laguerre_fits(32), 2, lambda done, of: None)
+    found = race(stages.laguerre_fits(32), 2, lambda done, of: None)
     assert found["scipy lfilter and numpy lstsq"]["ratio"]["median"] > 1
 
 
 def test_what_a_process_prints_is_read():
-    assert speed.in_fresh_process("print(1 + 1)") == "2\n"
+    assert stages.in_fresh_process("print(1 + 1)") == "2\n"
 
 
 def result():
@@ -82,7 +82,7 @@ def result():
         "rounds": 2,
         "stages": {
             "Environment": {"batch environment": times},
-            **{how: dict.fromkeys(speed.TUNERS, times) for how in speed.ANSWERS},
+            **{how: dict.fromkeys(stages.TUNERS, times) for how in stages.ANSWERS},
         },
         "first": {"import": {"cold": 1.0, "cached": 0.5}},
         "growth": {"episodes": [row, row | {"size": 1000, "seconds": 5.0}], "samples": [row]},
@@ -91,16 +91,16 @@ def result():
 
 
 def test_the_page_has_all_that_was_measured_and_says_what_was_not():
-    page = speed_page.to_markdown(result())
-    assert all(f"## {how}" in page for how in speed.ANSWERS)
-    assert page.count("| ts-ff-lag | 2 (1 to 3) | 1 (1 to 1) |") == 3
-    assert "| 1000 episodes | 100 | 5.00 | 50 | 200 |" in page
-    assert "| import | 1.00 | 0.50 |" in page and "| ts-ff | 3.0 |" in page
-    assert "Not installed" in page and "pysib" in page
+    text = page.to_markdown(result())
+    assert all(f"## {how}" in text for how in stages.ANSWERS)
+    assert text.count("| ts-ff-lag | 2 (1 to 3) | 1 (1 to 1) |") == 3
+    assert "| 1000 episodes | 100 | 5.00 | 50 | 200 |" in text
+    assert "| import | 1.00 | 0.50 |" in text and "| ts-ff | 3.0 |" in text
+    assert "Not installed" in text and "pysib" in text
 
 
 def test_the_picture_shows_every_tuner():
-    picture = speed_page.picture(result())
+    picture = page.picture(result())
     assert isinstance(picture, Figure)
     labels = [text.get_text() for text in picture.axes[0].get_yticklabels()]
-    assert labels == list(speed.TUNERS)
+    assert labels == list(stages.TUNERS)

@@ -8,9 +8,9 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tuners.plots import INK, STYLE, WIDTH, colour
-from tuners.speed import ANSWERS, TUNERS
-from tuners.stopwatch import PACKAGES
+from tuners.benchmark.stages import ANSWERS, TUNERS
+from tuners.benchmark.stopwatch import PACKAGES
+from tuners.studies.plots import INK, STYLE, WIDTH, colour
 
 MARKERS = ("o", "s", "^")
 

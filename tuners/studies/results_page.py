@@ -4,12 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tuners.bound import cramer_rao
 from tuners.catalogue import NAMES
-from tuners.scoreboard import PROTOCOL, Estimate, EvaluationProtocol, Row, to_json
+from tuners.metrics import rms
+from tuners.studies.scoreboard import PROTOCOL, Estimate, EvaluationProtocol, Row, to_json
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.files import write_text
 from yawrate_env.task import Prior, Task
+
+Array = NDArray[np.float64]
 
 EXAMPLE = '''\
 # my_agent.py
@@ -54,7 +59,8 @@ Made by `make results`; edits are overwritten. The same figures for programs:
 - **Reward** and **regret**: with e = hypot(phase-margin error / 10°, crossover error / 0.25 Hz), a
   stable loop earns −e/(1 + e/4), an unstable one −5. Regret is the mean of the oracle's reward
   minus the tuner's on the same episode; 0.01 is about 0.1° or 0.0025 Hz.
-- **rmse**: root mean square of the distance from the target, bias included.
+- **rmse**: root mean square of the distance from the target, bias included; **× bound**: over the
+  least that any unbiased tuner can reach ([accuracy.md](accuracy.md)).
 - **Brackets**: 95 % bootstrap intervals over episodes. They say how well {episodes} episodes
   determine the figure for *this* trained tuner; they do not cover what another training seed
   would give{seeds}. All tuners get the same episodes, so two may differ for certain though
@@ -90,6 +96,12 @@ quote a score, quote the protocol's version with it.
 _OTHERS = {
     "table3.md": "the paper's Table III beside ours, from tuners trained afresh",
     "rl.md": "reinforcement-learning agents, seed by seed, and the median over five seeds",
+    "accuracy.md": "how near to the Cramér–Rao bound, why not nearer, and when not to trust it",
+    "off_design.md": "every tuner under other noise, lengths, excitations and wrong vehicle data",
+    "schedule.md": "gains over speed, and the price of a wrong speed",
+    "nonlinear.md": "what a linear twin costs when the tyres saturate",
+    "benchmark.md": "computing times beside other libraries and the machine's limits",
+    "datasets.md": "time and memory of data sets up to a million episodes",
     "episodes.csv": "one row an episode and tuner behind `table3.md`",
 }
 
@@ -124,7 +136,7 @@ def page(board: Sequence[Row], protocol: EvaluationProtocol, others: dict[str, s
         delay=f"{t.delay_samples} samples of delay" if t.delay_samples else "no delay",
         phase_margin=t.phase_margin,
         crossover=t.crossover,
-        tables="\n".join(_section(board, name) for name in protocol.context_sets),
+        tables="\n".join(_section(board, protocol, name) for name in protocol.context_sets),
         missing=f"Not here, since the package ships no file for them: {_names(absent)}.\n\n"
         if absent
         else "",
@@ -137,23 +149,34 @@ def page(board: Sequence[Row], protocol: EvaluationProtocol, others: dict[str, s
     return f"{text}\n## Also here\n\n{listed}\n"
 
 
-def table(rows: Sequence[Row]) -> str:
-    """Rows of one context set."""
+def table(rows: Sequence[Row], bound: Array) -> str:
+    """Rows of one context set, and the bound (2,) on phase margin [deg] and crossover [Hz]."""
     lines = [
         "| tuner | learned from | score | mean reward | regret to the oracle "
-        "| phase margin rmse [°] | crossover rmse [Hz] | unstable |",
-        "|---|---|---|---|---|---|---|---|",
+        "| phase margin rmse [°] | crossover rmse [Hz] | × bound | unstable |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         cells = [f"`{row.tuner}`", row.learned_from or "–", _fixed(row.score)]
         cells += [_short(x) for x in (row.reward, row.regret, row.phase_margin, row.crossover)]
+        ratios = np.array([row.phase_margin.value, row.crossover.value]) / bound
+        cells.append(" / ".join("0" if ratio < 1e-6 else f"{ratio:.3g}" for ratio in ratios))
         lines.append("| " + " | ".join([*cells, str(row.unstable)]) + " |")
+    least = " | ".join(f"{value:#.3g}" for value in bound)
+    lines.append(f"| *Cramér–Rao bound* | – | | | | {least} | 1 / 1 | |")
     return "\n".join(lines) + "\n"
 
 
-def _section(board: Sequence[Row], context: str) -> str:
+def bound(protocol: EvaluationProtocol, context: str) -> Array:
+    """Root mean square of the bound over a protocol's episodes, (2,) [deg], [Hz]."""
+    task = Task()
+    draw = CONTEXT_SETS[context].draw(task.prior, protocol.seed, 0, protocol.episodes)
+    return rms(cramer_rao(task, draw))
+
+
+def _section(board: Sequence[Row], protocol: EvaluationProtocol, context: str) -> str:
     chosen = [row for row in board if row.context_set == context]
-    return f"### Context set `{context}`\n\n{table(chosen)}"
+    return f"### Context set `{context}`\n\n{table(chosen, bound(protocol, context))}"
 
 
 def _title(protocol: EvaluationProtocol) -> str:

@@ -1,0 +1,1 @@
+"""How fast every stage is, beside other libraries and the machine's limits."""
