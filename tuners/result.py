@@ -1,6 +1,6 @@
 """What `Tuner.tune` answers: gains, what the recording says of them, and whether to trust them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,5 +126,5 @@ class TuningResult:
     trusted: bool
     reasons: tuple[str, ...]
     fallback: tuple[float, float]
-    checks: tuple[Check, ...]
-    fit: TwinFit | None
+    checks: tuple[Check, ...] = field(repr=False)
+    fit: TwinFit | None = field(repr=False)

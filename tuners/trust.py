@@ -46,6 +46,8 @@ class Limits:
 
     Attributes
     ----------
+    speed : float
+        Distance of the recording's speed from those that the tuner was made for [m/s].
     noise : float
         Residual over simulated yaw rate, root mean squares.
     phase_margin_spread, crossover_spread : float
@@ -66,6 +68,7 @@ class Limits:
         Whether the design or the numerics failed, as 1 or 0.
     """
 
+    speed: float = 0.25
     noise: float = 0.3
     phase_margin_spread: float = 0.5
     crossover_spread: float = 0.025
@@ -135,22 +138,27 @@ class Assessment:
         )
 
 
+_INFORMATION = (
+    "The recording holds too little information: excite more strongly, more quickly, or for longer."
+)
+_MISSED = "With the fitted vehicle these gains miss the target."
+
 MESSAGES = {
-    "noise": "The yaw rate hardly follows the command: the sensor is dead, noisy or not "
-    "the one of this vehicle.",
+    "speed": "The recording's speed is not one that the tuner was made for: train one for it, or "
+    "use one for every speed.",
+    "phase_margin_spread": _INFORMATION,
+    "crossover_spread": _INFORMATION,
     "misfit": "No vehicle that the simulator knows answers this command so: check units, "
-    "signs, sampling time, speed and the vehicle's data.",
+    "signs, sampling time, delays between the channels, speed and the vehicle's data.",
     "response": "At the crossover the recording responds otherwise than the fitted vehicle: "
     "check speed, sampling time and the vehicle's data.",
+    "noise": "The yaw rate hardly follows the command: too little steering, a dead or noisy "
+    "sensor, or not the one of this vehicle.",
     "colour": "Something other than the command moves the yaw rate around the crossover: a "
     "disturbance, a drift or a sensor fault.",
-    "phase_margin_spread": "The recording holds too little information on the phase margin: "
-    "excite more strongly, more quickly, or for longer.",
-    "crossover_spread": "The recording holds too little information on the crossover: "
-    "excite more strongly, more quickly, or for longer.",
     "outside": "The fitted vehicle lies outside the range that the tuner was made for.",
-    "phase_margin_error": "With the fitted vehicle these gains miss the wanted phase margin.",
-    "crossover_error": "With the fitted vehicle these gains miss the wanted crossover.",
+    "phase_margin_error": _MISSED,
+    "crossover_error": _MISSED,
     "unsolved": "The target cannot be reached, or the numerics did not converge.",
 }
 
@@ -186,13 +194,15 @@ def assess(
         margins, spread = _margins(task, twins, design)
         target = np.array([task.target.phase_margin, task.target.crossover])
         error = np.abs(margins - target)
+        low, high = task.prior.v_x
         findings = {
-            "noise": _ratio(twins.residual, twins.simulated),
-            "misfit": _misfit(model, twins),
-            "response": _response(task, model, twins),
-            "colour": twins.noise / (twins.residual**2).mean(axis=1) / recording.oversampled,
+            "speed": np.maximum(np.maximum(low - v_x, v_x - high), 0.0),
             "phase_margin_spread": spread[:, 0],
             "crossover_spread": spread[:, 1],
+            "misfit": _misfit(model, twins),
+            "response": _response(task, model, twins),
+            "noise": _ratio(twins.residual, twins.simulated),
+            "colour": twins.noise / (twins.residual**2).mean(axis=1) / recording.oversampled,
             "outside": _outside(task, twins),
             "phase_margin_error": error[:, 0],
             "crossover_error": error[:, 1],
@@ -282,7 +292,7 @@ def result(
         phase_margin=phase_margin,
         crossover=crossover,
         trusted=all(check.passed for check in checks),
-        reasons=tuple(check.message for check in checks if not check.passed),
+        reasons=tuple(dict.fromkeys(check.message for check in checks if not check.passed)),
         fallback=safe,
         checks=checks,
         fit=_twin_fit(found),

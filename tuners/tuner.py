@@ -49,6 +49,10 @@ class Tuner(ABC):
         nominal = Judge.of(task, nominal_context(task.prior)).oracle()
         self._fallback = float(nominal.kp[0]), float(nominal.Ti[0])
 
+    def __repr__(self) -> str:
+        training = getattr(self, "training", {})
+        return f"<{type(self).__name__} {training.get('name', self.kind)}>"
+
     @abstractmethod
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Gains for every episode, and where the numerics converged."""

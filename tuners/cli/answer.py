@@ -57,20 +57,23 @@ def as_json(result: TuningResult, log: Log, task: Task, tuner: str) -> dict[str,
 def as_text(result: TuningResult, log: Log, task: Task) -> str:
     """A few aligned lines."""
     forms = Forms.of(result.kp, result.Ti, task.target)
-    rows = [
-        ("kp", f"{result.kp:.4g} s"),
-        ("Ti", f"{result.Ti:.4g} s"),
-        ("phase margin", between(result.phase_margin, " deg")),
-        ("crossover", between(result.crossover, " Hz")),
-        ("every", f"{1e3 * forms.Ts:g} ms: {forms.equation}"),
-    ]
-    lines = [described(log), "", *(f"  {name:<14}{value}" for name, value in rows), ""]
+    gains = [("kp", f"{result.kp:.4g} s"), ("Ti", f"{result.Ti:.4g} s")]
     if result.trusted:
-        lines.append("Trusted: every check passed.")
+        gains += [
+            ("phase margin", between(result.phase_margin, " deg")),
+            ("crossover", between(result.crossover, " Hz")),
+            ("every", f"{1e3 * forms.Ts:g} ms: {forms.equation}"),
+        ]
+    shown = [f"  {name:<14}{value}" for name, value in gains]
+    lines = [described(log), ""]
+    if result.trusted:
+        lines += [*shown, "", "Trusted: every check passed."]
     else:
-        lines += ["NOT TRUSTED", *(f"  - {reason}" for reason in result.reasons)]
         kp, Ti = result.fallback
-        lines.append(f"Stable for every vehicle of the prior: kp {kp:.4g} s, Ti {Ti:.4g} s.")
+        lines += ["NOT TRUSTED", *(f"  - {reason}" for reason in result.reasons), "", *shown, ""]
+        lines.append(
+            f"Stable for every vehicle that the tuner was made for: kp {kp:.4g} s, Ti {Ti:.4g} s."
+        )
     notes = (*log.notes, *result.notes)
     if notes:
         lines += ["", "Notes", *(f"  - {note}" for note in notes)]

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from tuners import Tuner
 
 VALIDATION = 300
-RECIPE, VEHICLES, NOISE_DRAWS = "ts-ff-lag-vx", 3000, 3
-LEARNER = TrendSettings(FeedForwardSettings(neurons=20, max_fail=10, epochs=150))
+RECIPE, VEHICLES, NOISE_DRAWS = "ts-ff-lag-vx", 2000, 3
+LEARNER = TrendSettings(FeedForwardSettings(neurons=16, max_fail=10, epochs=120))
 CALIBRATION = 3000
 """For any speed and signal; less of everything than the shipped tuner had, to take a minute."""
 

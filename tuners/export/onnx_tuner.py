@@ -77,7 +77,9 @@ def check(tuner: Any) -> Any:
     stages = getattr(tuner, "compressor", None), getattr(tuner, "learner", None)
     if not isinstance(stages[0], Laguerre) or not isinstance(stages[1], FeedForward | GBM | Trend):
         kind = getattr(tuner, "kind", type(tuner).__name__)
-        reason = "its first stage is an iterative fit" if stages[0] else "it is no two-stage tuner"
+        reason = "its first stage is not linear in the yaw rate"
+        if stages[0] is None:
+            reason = "it is no two-stage tuner"
         raise ValueError(
             f"a tuner of kind {kind!r} is not exported: {reason}. Export ts-ff-lag or ts-gbm-lag, "
             "or one trained with Laguerre features."
