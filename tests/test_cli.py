@@ -124,6 +124,17 @@ def test_a_report_is_written(answering, tmp_path):
 # The other commands
 
 
+def test_the_answer_is_there_even_if_the_report_cannot_be_written(answering, monkeypatch, tmp_path):
+    def full(*_):
+        raise OSError(28, "No space left on device", "out.html")
+
+    answering()
+    monkeypatch.setattr("tuners.report.write_report", full)
+    code, out, err = call("tune", EXAMPLE, "--report", tmp_path / "out.html")
+    assert code == UNUSABLE and "kp            0.1506 s" in out
+    assert err == "error: [Errno 28] No space left on device: 'out.html'\n"
+
+
 def test_a_vehicles_file_is_written_once(tmp_path):
     path = tmp_path / "car.toml"
     code, out, _ = call("init", "-o", path)
