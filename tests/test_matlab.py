@@ -82,8 +82,10 @@ def test_misuse_is_refused():
         armax(u, u, 0.1, (3, 2, 2, 1))
     with pytest.raises(ValueError, match="orders = 5 is not fitted"):
         armax(u, u, 0.1, 5)
+    with pytest.raises(ValueError, match="v_x = 2000 must be .* at most 1000"):
+        greyest(u, u, 0.01, v_x=2e3)
     for speed in (None, np.full(2, 20.0), "fast"):
-        with pytest.raises(ValueError, match="v_x = .* is not a number. Give one speed"):
+        with pytest.raises(ValueError, match="v_x = .* is not a number. Give one in"):
             greyest(u, u, 0.01, v_x=speed)
     with pytest.raises(ValueError, match="at least 60"):
         armax(u[:20], u[:20], 0.1)

@@ -19,7 +19,7 @@ from tuners.recording import Recording
 from tuners.tuner import nominal_context
 from yawrate_env import validation
 from yawrate_env.task import Prior
-from yawrate_env.vehicle import Vehicle
+from yawrate_env.vehicle import LARGEST, Vehicle
 
 ORDERS = (2, 2, 2, 1)
 
@@ -122,7 +122,7 @@ def greyest(
     prior : Prior
         The search starts in its middle.
     """
-    validation.number("v_x", v_x, above=0.0, remedy="Give one speed in m/s.")
+    validation.number("v_x", v_x, above=0.0, at_most=LARGEST["v_x"], remedy="Give one in m/s.")
     recording = Recording.of(u, y, Ts, v_x)
     found = identify(vehicle, recording, nominal_context(prior), np.array([float(v_x)]))
     mu_s, M_delta = float(found.context.mu_s[0]), float(found.context.M_delta[0])

@@ -3,13 +3,12 @@
 import hashlib
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from tuners.data import shards
-from tuners.data.manifest import Configuration, DatasetError, Manifest, Shard
+from tuners.data.manifest import DatasetError, Manifest, Shard
 from tuners.datasets import Dataset
 from yawrate_env import validation
 from yawrate_env.batch import concatenate
@@ -40,12 +39,7 @@ class Folder:
         self.path = Path(path)
         self.manifest = Manifest.read(self.path)
         self.recipe = self.manifest.recipe()
-        strange = foreign(self.manifest, self.recipe)
-        if strange is not None:
-            raise DatasetError(
-                f"{self.path}: the manifest lists {strange.file!r} with episodes from "
-                f"{strange.first!r} on where its configuration has no such shard. Copy it again."
-            )
+        self.manifest.check_shards(self.path, self.recipe)
         missing = len(list(self.recipe.shards())) - len(self.manifest.shards)
         if missing:
             raise DatasetError(
@@ -79,12 +73,6 @@ class Folder:
     def read(self) -> Dataset:
         """The whole data set, recordings left out."""
         return concatenate(list(self.batches()))
-
-
-def foreign(manifest: Manifest, recipe: Configuration) -> Shard | None:
-    """The first shard of a manifest that is not the recipe's, or not in its place."""
-    rest = (replace(shard, sha256="") for shard in recipe.shards())
-    return next((s for s in manifest.shards if replace(s, sha256="") not in rest), None)
 
 
 def damage(folder: Path, manifest: Manifest, progress: Progress | None = None) -> list[str]:

@@ -126,6 +126,7 @@ def _begun(
         raise DatasetError(
             f"{folder} holds another data set: {other}. Name a new folder, or use its settings."
         )
+    found.check_shards(folder, recipe)
     wrong = damage(folder, found, progress)
     if wrong:
         raise DatasetError(f"{'; '.join(wrong)}. Delete what is damaged: it will be made again.")

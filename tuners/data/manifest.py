@@ -128,6 +128,16 @@ class Manifest:
                 "with that version."
             ) from None
 
+    def check_shards(self, folder: Path, recipe: Configuration) -> None:
+        """Refuse shards that are not the recipe's, or not in its order; some may be missing."""
+        rest = (replace(shard, sha256="") for shard in recipe.shards())
+        strange = next((s for s in self.shards if replace(s, sha256="") not in rest), None)
+        if strange is not None:
+            raise DatasetError(
+                f"{folder}: the manifest lists {strange.file!r} with episodes from "
+                f"{strange.first!r} on where its configuration has no such shard. Copy it again."
+            )
+
     def with_shard(self, shard: Shard) -> "Manifest":
         """One more is finished."""
         return replace(self, shards=tuple(sorted((*self.shards, shard), key=lambda s: s.first)))
