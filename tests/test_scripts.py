@@ -92,8 +92,8 @@ WRONG_EVALUATIONS = {
     "endless episodes": ({"--episodes": "inf"}, "not a positive whole number"),
     "negative seed": ({"--seed": "-1"}, "-1 is negative"),
     "unknown context": ({"--context": "moon"}, "invalid choice: 'moon'"),
-    "absent folder": ({"--out": "absent/rows.csv"}, "the folder absent does not exist"),
-    "a folder": ({"--out": "."}, ". is a folder"),
+    "absent folder": ({"--out": "absent/rows.csv"}, "The folder absent does not exist"),
+    "a folder": ({"--out": "."}, ". is no regular file"),
     "no JSON": ({"--env-kwargs": "snr=20"}, "not JSON"),
     "unknown keyword": ({"--env-kwargs": '{"snr": 20}'}, "unexpected keyword argument 'snr'"),
     "unphysical": ({"--env-kwargs": '{"Ts": -1}'}, "Ts = -1 must be finite, above 0"),
@@ -107,7 +107,7 @@ WRONG_TRAININGS = {
     "not trained": (["gb", "--out", "my.tuner"], "invalid choice: 'gb'"),
     "no name": (["--out", "my.tuner"], "required: name"),
     "too few": (["ts-ff", "--episodes", "20", "--out", "my.tuner"], "at least 50"),
-    "absent folder": (["ts-ff", "--out", "absent/my.tuner"], "the folder absent does not exist"),
+    "absent folder": (["ts-ff", "--out", "absent/my.tuner"], "The folder absent does not exist"),
     "unreachable": (
         [
             "ts-gbm",

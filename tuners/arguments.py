@@ -19,7 +19,7 @@ def whole(text: str) -> int:
     """A positive whole number up to `MOST`; ``1e6`` is one."""
     value = float(text)
     if not 1 <= value <= MOST or not value.is_integer():
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1 to {MOST:g}")
+        raise argparse.ArgumentTypeError(f"{text} is not a positive whole number up to {MOST:g}")
     return int(value)
 
 
