@@ -70,13 +70,35 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
     return str(value)
 
 
+def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
+    """Return `value` as an array, or raise where making it float64 would lose or invent something.
+
+    A mask and an imaginary part would be dropped, texts and truth values read as numbers.
+    """
+    if np.ma.is_masked(value):
+        raise ValueError(
+            f"{name} has {np.ma.getmaskarray(np.ma.asarray(value)).sum()} masked samples. Fill or cut them first."
+        )
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is not an array of numbers.") from None
+    kind, odd = array.dtype.kind, str | bytes | bool
+    if kind not in "iufO" or (kind == "O" and any(isinstance(x, odd) for x in array.flat)):
+        raise ValueError(
+            f"{name} is not an array of numbers but of {array.dtype}. Give real numbers."
+        )
+    return array
+
+
 def finite_array(
     name: str, value: ArrayLike, *, shape: tuple[int | None, ...]
 ) -> NDArray[np.float64]:
     """Return `value` as a finite float64 array of `shape` (``None``: any), or raise."""
+    real = real_array(name, value)
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = np.asarray(real, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} is not an array of numbers.") from None
     fits = array.ndim == len(shape) and all(
         want is None or want == have for want, have in zip(shape, array.shape, strict=True)

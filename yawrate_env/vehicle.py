@@ -94,7 +94,12 @@ class Context:
     @classmethod
     def of(cls, mu_s: ArrayLike, M_delta: ArrayLike, v_x: ArrayLike) -> Self:
         """Batch from anything that broadcasts to one dimension, checked."""
-        arrays = np.broadcast_arrays(*(np.atleast_1d(a) for a in (mu_s, M_delta, v_x)))
+        arrays = np.broadcast_arrays(
+            *(
+                np.atleast_1d(validation.real_array(name, values))
+                for name, values in zip(cls.__slots__, (mu_s, M_delta, v_x), strict=True)
+            )
+        )
         checked = {
             name: validation.finite_array(name, array.copy(), shape=(None,))
             for name, array in zip(cls.__slots__, arrays, strict=True)

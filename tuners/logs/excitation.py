@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tuners.logs.table import Array, LogError
+from tuners.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE, STILL
 
 SHORTEST = 3.0
 _WEAK_RMS, _NO_RMS = np.radians(0.1), np.radians(0.002)
-_LARGEST_ANGLE, _LARGEST_YAW_RATE, _LARGEST_SPEED = np.radians(45), 10.0, 150.0
 _STEADY = 0.05
 _LINEAR = 4.0  # [m/s^2] of lateral acceleration, beyond which tyres saturate on dry asphalt
 
@@ -71,9 +71,9 @@ def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: flo
     duration, amplitude = len(steer) * Ts, float(np.ptp(steer)) / 2
     if duration < SHORTEST:
         raise LogError(f"{duration:.2f} s are too short; at least {SHORTEST:g} s are needed.")
-    if not np.ptp(steer) > 1e-9:
+    if not np.ptp(steer) > STILL:
         raise LogError(f"The steering is constant ({np.degrees(steer[0]):.3g} deg): nothing moves.")
-    if not np.ptp(yaw_rate) > 1e-9:
+    if not np.ptp(yaw_rate) > STILL:
         raise LogError(f"The yaw rate is constant ({yaw_rate[0]:.3g} rad/s): is it the right one?")
     _plausible(steer, yaw_rate, speed)
     band = band_around(crossover)
@@ -106,14 +106,14 @@ def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: flo
 def _plausible(steer: Array, yaw_rate: Array, speed: Array) -> None:
     """Refuse what no car does: a unit that is not the assumed one."""
     angle, turn = np.degrees(np.abs(steer).max()), np.abs(yaw_rate).max()
-    if angle > np.degrees(_LARGEST_ANGLE):
+    if angle > np.degrees(LARGEST_ANGLE):
         raise LogError(
             f"The steering reaches {angle:.3g} deg at the road wheel. "
             "Give --steer-unit, or the --steer-ratio of the hand wheel."
         )
-    if turn > _LARGEST_YAW_RATE:
+    if turn > LARGEST_YAW_RATE:
         raise LogError(f"The yaw rate reaches {turn:.3g} rad/s. Give --yaw-rate-unit.")
-    if not 0 < speed.min() <= speed.max() <= _LARGEST_SPEED:
+    if not 0 < speed.min() <= speed.max() <= LARGEST_SPEED:
         raise LogError(
             f"The speed runs from {speed.min():.3g} to {speed.max():.3g} m/s. "
             "Give --speed-unit, or choose a stretch with --from and --to."
