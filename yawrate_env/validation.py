@@ -42,12 +42,23 @@ def number(
     return result
 
 
-def count(name: str, value: Any, *, at_least: int = 1, remedy: str = "") -> int:
-    """Return `value` as an int that is at least `at_least`, or raise ``ValueError``."""
-    result = number(name, value, at_least=at_least, remedy=remedy)
+def count(
+    name: str, value: Any, *, at_least: int = 1, at_most: float = math.inf, remedy: str = ""
+) -> int:
+    """Return `value` as an int within its bounds, or raise ``ValueError``."""
+    result = number(name, value, at_least=at_least, at_most=at_most, remedy=remedy)
     if not result.is_integer():
         raise ValueError(f"{name} = {result:g} must be a whole number. {remedy}".strip())
     return int(result)
+
+
+def like(name: str, value: Any, usual: float, *, at_most: float = math.inf) -> float:
+    """Return `value` if it is within a factor of 1000 of the `usual` one, or raise ``ValueError``.
+
+    Numerics are safe there, and whatever lies beyond is a mistake of units.
+    """
+    at_most = min(1e3 * usual, at_most)
+    return number(name, value, at_least=1e-3 * usual, at_most=at_most, remedy="Use SI units.")
 
 
 def interval(name: str, value: Any) -> tuple[float, float]:
@@ -76,9 +87,8 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     A mask and an imaginary part would be dropped, texts and truth values read as numbers.
     """
     if np.ma.is_masked(value):
-        raise ValueError(
-            f"{name} has {np.ma.getmaskarray(np.ma.asarray(value)).sum()} masked samples. Fill or cut them first."
-        )
+        masked = int(np.ma.getmaskarray(np.ma.asarray(value)).sum())
+        raise ValueError(f"{name} has {masked} masked samples. Fill or cut them first.")
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):

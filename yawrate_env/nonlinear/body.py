@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, fields
 
-import numpy as np
-
 from yawrate_env import validation
 
 GRAVITY = 9.81
@@ -35,12 +33,9 @@ class Body:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            positive = field.name in ("track", "roll_lag")
-            validation.number(
-                f"body {field.name}",
-                getattr(self, field.name),
-                above=0.0 if positive else -np.inf,
-                at_least=-np.inf if positive else 0.0,
-                at_most=1.0 if field.name == "front_share" else np.inf,
-                remedy="Give a physical value in SI units.",
-            )
+            name, value = f"body {field.name}", getattr(self, field.name)
+            if field.name in ("track", "roll_lag"):
+                validation.like(name, value, field.default)
+                continue
+            at_most = 1.0 if field.name == "front_share" else 1e3 * field.default
+            validation.number(name, value, at_least=0.0, at_most=at_most, remedy="Use SI units.")
