@@ -107,6 +107,12 @@ def test_tuners_take_lists_and_leave_their_arguments_alone():
     assert (again.kp, again.Ti, again.checks) == (plain.kp, plain.Ti, plain.checks)
 
 
+@pytest.mark.parametrize("name", BLIND)
+def test_no_episodes_no_actions(name):
+    actions, _ = tuners.load(name).predict(np.zeros((0, 2, 10_000)))
+    assert actions.shape == (0, 2)
+
+
 def test_the_policys_state_is_passed_through():
     tuner, obs = tuners.load("nominal"), observations(RECORDING)
     for state in (None, (np.ones(3),), "anything"):
@@ -123,6 +129,8 @@ def test_the_policys_state_is_passed_through():
         (np.zeros((3, 2, 20_000)), "obs has 20000 samples"),
         (np.zeros((4, 10_000)), r"obs has shape \(4, 10000\), wanted .* 2, 3 or 5 rows"),
         (np.zeros(10_000), r"obs has shape \(10000,\)"),
+        (np.zeros((3, 0)), r"obs has shape \(3, 0\)"),
+        (np.ma.masked_equal(np.zeros((2, 10_000)), 0.0), "obs has 20000 masked samples"),
         (3.0, r"obs has shape \(\)"),
         (np.full((2, 10_000), np.nan), "obs has nan at flat index 0"),
     ],

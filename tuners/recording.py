@@ -75,7 +75,7 @@ class Recording:
             array = np.asarray(array, dtype=np.float64)
         single = array.ndim == 2
         array = array[None] if single else array
-        if array.ndim != 3 or array.shape[1] not in (2, 3, 5):
+        if array.ndim != 3 or array.shape[1] not in (2, 3, 5) or not array.shape[2]:
             raise ValueError(
                 f"obs has shape {np.shape(obs)}, wanted (rows, N) or (B, rows, N) with 2, 3 or 5 "
                 "rows, as yawrate/PITuning-v0 gives them."

@@ -156,7 +156,7 @@ class Tuner(ABC):
                 f"obs has {samples} samples, this tuner's episodes have {experiment.N} of "
                 f"{experiment.Ts:g} s. Use tune(u, y, Ts), or train a tuner for this experiment."
             )
-        actions = self.act(recording)
+        actions = self.act(recording) if len(recording) else np.empty((0, 2))
         return (actions[0] if single else actions), state
 
     def act(self, recording: Recording) -> Array:

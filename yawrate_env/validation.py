@@ -52,13 +52,21 @@ def count(
     return int(result)
 
 
-def like(name: str, value: Any, usual: float, *, at_most: float = math.inf) -> float:
+def like(
+    name: str, value: Any, usual: Any, *, zero: bool = False, at_most: float = math.inf
+) -> float:
     """Return `value` if it is within a factor of 1000 of the `usual` one, or raise ``ValueError``.
 
-    Numerics are safe there, and whatever lies beyond is a mistake of units.
+    Numerics are safe there, and whatever lies beyond is a mistake of units.  With `zero`,
+    less is as good.
     """
-    at_most = min(1e3 * usual, at_most)
-    return number(name, value, at_least=1e-3 * usual, at_most=at_most, remedy="Use SI units.")
+    return number(
+        name,
+        value,
+        at_least=0.0 if zero else 1e-3 * usual,
+        at_most=min(1e3 * usual, at_most),
+        remedy="Use SI units.",
+    )
 
 
 def interval(name: str, value: Any) -> tuple[float, float]:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 from yawrate_env import validation
 
 GRAVITY = 9.81
@@ -33,9 +35,10 @@ class Body:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            name, value = f"body {field.name}", getattr(self, field.name)
-            if field.name in ("track", "roll_lag"):
-                validation.like(name, value, field.default)
-                continue
-            at_most = 1.0 if field.name == "front_share" else 1e3 * field.default
-            validation.number(name, value, at_least=0.0, at_most=at_most, remedy="Use SI units.")
+            validation.like(
+                f"body {field.name}",
+                getattr(self, field.name),
+                field.default,
+                zero=field.name not in ("track", "roll_lag"),
+                at_most=1.0 if field.name == "front_share" else np.inf,
+            )
