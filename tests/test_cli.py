@@ -89,8 +89,9 @@ def test_words_have_gains_margins_and_reasons(answering, trusted):
     answering(trusted)
     _, out, _ = call("tune", EXAMPLE, "--tuner", "gb")
     assert "kp            0.1506 s" in out
-    assert "phase margin  60.02 deg, between 59.81 and 60.22 (90 %)" in out
-    assert "10 ms: u[k] = u[k-1] + 0.157828 e[k] - 0.143389 e[k-1]" in out
+    margins = "phase margin  60.02 deg, between 59.81 and 60.22 (90 %)"
+    equation = "10 ms: u[k] = u[k-1] + 0.157828 e[k] - 0.143389 e[k-1]"
+    assert (margins in out) == (equation in out) == trusted
     if trusted:
         assert "Trusted: every check passed." in out
     else:

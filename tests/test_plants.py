@@ -296,3 +296,15 @@ def test_saving_and_loading_say_what_is_missing(tuner, tmp_path, monkeypatch):
 def test_entry_points_that_lead_nowhere(entry, words):
     with pytest.raises(ValueError, match=words):
         plants.find(entry)
+
+
+def test_the_tuner_is_a_policy_of_the_plants_environment(tuner, tested):
+    obs = np.stack([np.broadcast_to(U, tested.y[:3].shape), tested.y[:3]], axis=1)
+    actions, state = tuner.predict(obs, state="as given")
+    np.testing.assert_allclose(actions, tuner.gains(U[None], tested.y[:3]))
+    assert state == "as given"
+    np.testing.assert_allclose(tuner.predict(obs[0].astype(np.float32))[0], actions[0], rtol=1e-4)
+    blind, _ = tuner.predict(np.zeros((2, len(U))))
+    np.testing.assert_allclose(blind, plant.oracle(plant.middle)[0])
+    with pytest.raises(ValueError, match="obs has shape"):
+        tuner.predict(obs[:, :, 1:])

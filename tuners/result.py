@@ -84,7 +84,7 @@ class Check:
         return bool(self.value <= self.limit)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class TuningResult:
     """Gains for one recorded episode.
 
@@ -127,4 +127,4 @@ class TuningResult:
     reasons: tuple[str, ...]
     fallback: tuple[float, float]
     checks: tuple[Check, ...] = field(repr=False)
-    fit: TwinFit | None = field(repr=False)
+    fit: TwinFit | None = field(repr=False, compare=False)

@@ -1,9 +1,9 @@
 """Tune a yaw-rate controller from one recorded episode: a Gymnasium environment.
 
-``import yawrate_env`` registers ``yawrate/PITuning-v0``, the same on a nonlinear vehicle,
-``yawrate/PITuningNonlinear-v0``, and, ready to train on, ``yawrate/PITuningFeatures-v0``,
-whose wrappers are in `tuners`.  Modules are imported where they are used, so that the
-import itself stays light.
+``import yawrate_env`` registers ``yawrate/PITuning-v0``, the same on a nonlinear vehicle as
+``yawrate/PITuningNonlinear-v0``, any plant of one's own as ``yawrate/Plant-v0``, and, ready
+to train on, ``yawrate/PITuningFeatures-v0``.  What needs `tuners` is imported from there;
+all modules are imported where they are used, so that the import itself stays light.
 """
 
 from gymnasium.envs.registration import register, registry

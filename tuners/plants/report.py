@@ -135,7 +135,7 @@ def _write(out: Path, name: str, part: dict[str, Any]) -> None:
     path = folder / "plants.json"
     parts = json.loads(path.read_text()) if path.exists() else {}
     parts[name] = part
-    write_text(path, json.dumps(parts, indent=1, sort_keys=True) + "\n")
+    write_text(path, json.dumps(parts, indent=1) + "\n")
     tables = "\n\n".join(table(n, parts[n]) for n in sorted(parts))
     heading = "# Plants of one's own\n\nMade by `examples/plants/*.py`; edits are overwritten."
     write_text(folder / "plants.md", f"{heading}\n\n{tables}\n")

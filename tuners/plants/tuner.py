@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -120,7 +121,7 @@ class PlantTuner:
             all(check.passed for check in checks),
             tuple(check.message for check in checks if not check.passed),
             () if same else ("The input is not that of the experiment trained on.",),
-            self._named(self.fallback()),
+            self._named(self.fallback),
             dict(zip(self.plant.prior, map(float, found.fit.theta[0]), strict=True)),
             checks,
             found.fit.simulated[0],
@@ -146,9 +147,11 @@ class PlantTuner:
                 "these, as yawrate/Plant-v0 gives them for this plant."
             )
         gains = self.gains(batch[:, 0], batch[:, 1])
-        usable = np.where(np.isfinite(gains), gains, self.plant.oracle(self.plant.middle))
+        found = np.isfinite(gains).all(axis=1, keepdims=True)
+        usable = np.where(found, gains, self.plant.oracle(self.plant.middle))
         return (usable if array.ndim == 3 else usable[0]), state
 
+    @cached_property
     def fallback(self) -> Array:
         """Gains (k,), right for some plant, that earn most with the plant they suit least."""
         theta = sample(self.plant, _CANDIDATES)

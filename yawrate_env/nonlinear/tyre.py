@@ -2,8 +2,8 @@
 
     F(alpha) = D sin(C arctan(B alpha - E (B alpha - arctan(B alpha)))),   B = K / (C D)
 
-H. B. Pacejka, *Tire and Vehicle Dynamics* (3rd ed., 2012), eqs. (4.E19) to (4.E30) for
-pure lateral slip without camber and shifts.  For a wheel with the load F_z, and
+H. B. Pacejka, *Tire and Vehicle Dynamics* (3rd ed., 2012), chapter 4, for pure lateral
+slip without camber and shifts.  For a wheel with the load F_z, and
 ``n = F_z / (p_Ky2 F_z0)``:
 
 ======  =================================  =============================================
@@ -20,7 +20,7 @@ and the rated load F_z0 is the static one without extra mass.  Friction thus sca
 stiffness and peak alike, as in eq. (10), and B does not depend on it.
 
 Both wheels of an axle have the same slip, so the axle has one curve, with their summed
-D and K (Pacejka's effective axle characteristics, section 1.2.2).  When the load moves
+D and K (Pacejka's effective axle characteristics, chapter 1).  When the load moves
 from one wheel to the other, ``F_z (1 +- x)``, the sums have closed forms:
 
     D / D(0) = 1 - fade x^2,           fade = p_Dy2 W / mu(W),   W = F_z / F_z0
@@ -40,7 +40,8 @@ from yawrate_env.compiled import inlined
 class Tyre:
     """Parameters of the magic formula, the same for both axles.
 
-    The defaults are those that Pacejka's appendix 3 lists for a 205/60R15 car tyre.
+    The defaults are of the size that passenger-car tyres have (such as a 205/60R15); they
+    are typical values, not a measured tyre's.
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ State ``x = [v_y, r, v_x, a_f, a_r, q]`` behind the actuator of `steering`:
     roll_lag q'      = (F_f cos(delta) + F_r) / M - q
 
 ``(U_f, V_f)`` is the front axle's velocity along and across its wheels, ``a`` the lagged
-tangent of the slip angle (Pacejka, 3rd ed., section 7.2), which stays finite when the
+tangent of the slip angle (Pacejka, chapter 7), which stays finite when the
 vehicle turns round; the drive force holds the speed v_0 when driving straight, so that
 cornering costs speed; q is the lateral acceleration as the roll passes it on to the
 wheel loads.  About straight driving, with ``beta = v_y / v_0``, these are eqs. (6) to
