@@ -129,6 +129,8 @@ def test_the_policys_state_is_passed_through():
         (np.zeros((3, 2, 20_000)), "obs has 20000 samples"),
         (np.zeros((4, 10_000)), r"obs has shape \(4, 10000\), wanted .* 2, 3 or 5 rows"),
         (np.zeros(10_000), r"obs has shape \(10000,\)"),
+        (np.full((2, 10_000), 1e150), r"largest \|obs\| = 1e\+150 must be .* at most 1e\+06"),
+        (np.zeros((3, 10_000)), "v_x = 0 must be finite, above 0"),
         (np.zeros((3, 0)), r"obs has shape \(3, 0\)"),
         (np.ma.masked_equal(np.zeros((2, 10_000)), 0.0), "obs has 20000 masked samples"),
         (3.0, r"obs has shape \(\)"),

@@ -40,7 +40,7 @@ def decode(values: Array, target: Target, coordinates: str) -> Design:
         with np.errstate(over="ignore"):  # far from all that was learned
             design = design_from_response(values[:, 0], values[:, 1], target)
     else:
-        design = Design(*values.T, np.full(len(values), int(Status.OK)))
+        design = Design(values[:, 0], values[:, 1], np.full(len(values), int(Status.OK)))
     usable = (design.kp > 0) & (design.Ti > 0) & np.isfinite(design.kp) & np.isfinite(design.Ti)
     kp, Ti = (np.where(usable, x, np.nan) for x in (design.kp, design.Ti))
     return Design(kp, Ti, np.where(usable, design.status, int(Status.UNREACHABLE)))

@@ -13,3 +13,6 @@ LARGEST_SPEED = 150.0
 
 STILL = 1e-9
 """Peak to peak, what stands still [rad], [rad/s]."""
+
+STEADY, UNSTEADY = 0.05, 0.25
+"""Variation of the speed, of its mean, that makes no difference, and that no mean describes."""

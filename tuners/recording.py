@@ -6,12 +6,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tuners.plausible import UNSTEADY
 from yawrate_env import validation
 from yawrate_env.batch import take
 from yawrate_env.vehicle import LARGEST, Context
 
-_LARGEST = 1e6
-_UNSTEADY = 0.25  # of the mean: one speed no longer describes the episode
+_LARGEST = 1e6  # [rad], [rad/s]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +82,8 @@ class Recording:
             )
         if not np.isfinite(array).all():
             validation.finite_array("obs", array, shape=(None, None, None))  # says where
+        _squarable("obs", array[:, :2])
+        _positive(array[:, 2:3, 0])
         u = array[:, 0]
         u = u[:1] if (u == u[:1]).all() else u
         v_x = array[:, 2, 0].astype(np.float64) if array.shape[1] > 2 else None
@@ -131,12 +133,21 @@ class Recording:
 def _signal(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Finite values (N,) of a size that can be squared."""
     signal = validation.finite_array(name, value, shape=(None,))
-    if signal.size:
-        largest = float(np.abs(signal).max())
+    _squarable(name, signal)
+    return signal
+
+
+def _squarable(name: str, values: NDArray[np.floating]) -> None:
+    if values.size:
+        largest = float(max(values.max(), -values.min()))
         validation.number(
             f"largest |{name}|", largest, at_most=_LARGEST, remedy="Use rad and rad/s."
         )
-    return signal
+
+
+def _positive(speeds: NDArray[np.floating]) -> None:
+    for speed in (speeds.min(), speeds.max()) if speeds.size else ():
+        validation.number("v_x", speed, above=0.0, at_most=LARGEST["v_x"], remedy="Use m/s.")
 
 
 def _mean_speed(v_x: ArrayLike, N: int) -> tuple[float, float]:
@@ -148,12 +159,11 @@ def _mean_speed(v_x: ArrayLike, N: int) -> tuple[float, float]:
         raise ValueError(
             f"v_x has {len(speeds)} values for {N} samples. Give one speed, or one a sample."
         )
-    for speed in (speeds.min(), speeds.max()):
-        validation.number("v_x", speed, above=0.0, at_most=LARGEST["v_x"], remedy="Use m/s.")
+    _positive(speeds)
     mean, variation = float(speeds.mean()), float(np.ptp(speeds) / speeds.mean())
-    if variation > _UNSTEADY:
+    if variation > UNSTEADY:
         raise ValueError(
-            f"v_x varies by {variation:.0%} of its mean, at most {_UNSTEADY:.0%} can be used. "
+            f"v_x varies by {variation:.0%} of its mean, at most {UNSTEADY:.0%} can be used. "
             "Cut a stretch of steady speed."
         )
     return mean, variation

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tuners import model_file
 from tuners.fallback import fallback
-from tuners.plausible import STILL
+from tuners.plausible import STEADY, STILL
 from tuners.recording import Recording
 from tuners.result import TuningResult
 from tuners.start import black_box
@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 _SLOWEST = 0.1  # sampling time, in periods of the crossover
 _LONGEST = 200_000  # samples of one episode
 _FEW = 10  # samples for each distinct value, or more
-_STEADY = 0.05  # variation of the speed that goes without saying
 
 
 def nominal_context(prior: Prior) -> Context:
@@ -227,7 +226,7 @@ class Tuner(ABC):
             low, high = prior.v_x
             made = f"{low:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
             notes.append(f"Speed is {recording.v_x[0]:.2f} m/s, made for {made}.")
-        if recording.speed_variation > _STEADY:
+        if recording.speed_variation > STEADY:
             notes.append(
                 f"The speed varies by {recording.speed_variation:.0%} of its mean, which counts."
             )

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tuners.logs.table import Array, LogError
-from tuners.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE, STILL
+from tuners.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE, STEADY, STILL, UNSTEADY
 
 SHORTEST = 3.0
 _WEAK_RMS, _NO_RMS = np.radians(0.1), np.radians(0.002)
-_STEADY = 0.05
 _LINEAR = 4.0  # [m/s^2] of lateral acceleration, beyond which tyres saturate on dry asphalt
 
 
@@ -91,10 +90,6 @@ def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: flo
         notes.append(f"Weak excitation: {np.degrees(rms):.2g} deg rms {within}.")
     if changes < 4:
         notes.append(f"Little excitation: the steering crosses its middle {_times(changes)}.")
-    if np.ptp(speed) > _STEADY * speed.mean():
-        notes.append(
-            f"The speed varies from {speed.min():.3g} to {speed.max():.3g} m/s; its mean is taken."
-        )
     lateral = float(np.abs(yaw_rate * speed).max())
     if lateral > _LINEAR:
         notes.append(
@@ -118,6 +113,11 @@ def _plausible(steer: Array, yaw_rate: Array, speed: Array) -> None:
             f"The speed runs from {speed.min():.3g} to {speed.max():.3g} m/s. "
             "Give --speed-unit, or choose a stretch with --from and --to."
         )
+    if np.ptp(speed) > UNSTEADY * speed.mean():
+        raise LogError(
+            f"The speed varies from {speed.min():.3g} to {speed.max():.3g} m/s, more than "
+            f"{UNSTEADY:.0%} of its mean. Choose a steadier stretch with --from and --to."
+        )
 
 
 def best_stretch(
@@ -133,7 +133,7 @@ def best_stretch(
     moving = in_band(steer - steer.mean(), Ts, band_around(crossover))
     power = _windowed(moving**2, samples)
     steady = _windowed(speed**2, samples) - _windowed(speed, samples) ** 2
-    allowed = steady < (_STEADY / 2 * _windowed(speed, samples)) ** 2
+    allowed = steady < (STEADY / 2 * _windowed(speed, samples)) ** 2
     start = int(np.argmax(np.where(allowed, power, -1.0) if allowed.any() else power))
     return slice(start, start + samples), True
 
