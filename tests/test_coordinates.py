@@ -91,3 +91,9 @@ def test_unknown_coordinates_are_refused():
         encode(one, one, Target(), "polar")
     with pytest.raises(ValueError, match="coordinates = 'polar' .* loop, gains"):
         decode(np.ones((1, 2)), Target(), "polar")
+
+
+@pytest.mark.parametrize("log_gain", [-800.0, 800.0, np.inf, np.nan])
+def test_gains_without_a_number_are_unreachable(log_gain):
+    found = decode(np.array([[log_gain, -0.5]]), Target(), "loop")
+    assert found.status[0] == Status.UNREACHABLE and np.isnan([found.kp[0], found.Ti[0]]).all()

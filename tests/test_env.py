@@ -242,11 +242,13 @@ def test_pinning_to_the_drawn_values_changes_nothing():
     ("options", "message"),
     [
         ({"mu": 0.5}, "'mu' is unknown. Use any of mu_s, M_delta, v_x"),
-        ({"mu_s": 0.0}, "mu_s = 0 must be finite, above 0"),
+        ({"mu_s": 0.0}, "mu_s = 0 must be finite, above 0, at least 0.001"),
         ({"mu_s": np.nan}, "mu_s has nan"),
         ({"v_x": -1.0}, "v_x = -1 must be finite, above 0"),
         ({"v_x": [10.0, 20.0]}, r"v_x has shape \(2,\): give one number"),
         ({"v_x": "fast"}, "v_x = 'fast': give one number"),
+        ("abc", "reset options = 'abc' are not a dictionary"),
+        (5, "reset options = 5 are not a dictionary"),
         ({"M_delta": -5000.0}, r"M_0 \+ M_delta = .*above 0"),
     ],
 )
@@ -266,6 +268,12 @@ def test_bad_options_are_refused_and_leave_the_episode_open(options, message):
         ({"N": 199}, "N", "199"),
         ({"N": 0}, "N", "0"),
         ({"N": 300.5}, "N", "300.5"),
+        ({"N": 10**8}, "N", r"1e\+08"),
+        ({"amplitude": 1e-7}, "amplitude", "1e-07"),
+        ({"delay_samples": 201}, "delay_samples", "201"),
+        ({"mu_s": 1e-4}, "mu_s", "0.0001"),
+        ({"vehicle": {"J_z": 1e-3}}, "J_z", "0.001"),
+        ({"vehicle": {"C_f": 1e9}}, "C_f", r"1e\+09"),
         ({"snr_db": np.nan}, "snr_db", "nan"),
         ({"snr_db": "30"}, "snr_db", "'30'"),
         ({"amplitude": -0.01}, "amplitude", "-0.01"),
@@ -303,6 +311,12 @@ def test_bad_parameters_are_refused_by_the_constructor(kwargs, name, value):
 def test_bad_parameters_are_refused_by_make():
     with pytest.raises(ValueError, match="crossover = 60 must be finite, above 0, at most 45"):
         gymnasium.make(ID, crossover=60.0)
+
+
+def test_a_yaw_rate_beyond_all_bounds_is_refused():
+    env = PITuningEnv(vehicle={"C_f": 1e7}, v_x=200.0)
+    with pytest.raises(ValueError, match="v_x = 200 m/s is not finite: .* unstable. Lower v_x"):
+        env.reset(seed=0)
 
 
 KWARGS = {"N": 400, "mu_s": [0.4, 0.8], "v_x": [10, 30], "vehicle": {"J_z": 2000.0}}

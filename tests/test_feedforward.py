@@ -207,6 +207,15 @@ def test_arrays_round_trip_exactly():
     assert set(net.arrays()) >= {"W1", "b1", "W2", "b2"} and net.W1.shape == (10, 3)
 
 
+@pytest.mark.parametrize("name", ["W1", "W2", "inputs.half", "outputs.middle"])
+def test_arrays_that_do_not_go_together_are_refused(name):
+    arrays = trained(*toy(50, 0), *toy(50, 1), epochs=1).arrays()
+    with pytest.raises(ValueError, match=f"{name} has shape"):
+        FeedForward.from_arrays(arrays | {name: arrays[name][:-1]})
+    with pytest.raises(ValueError, match=f"{name} has nan"):
+        FeedForward.from_arrays(arrays | {name: arrays[name] * np.nan})
+
+
 def test_defaults_are_the_papers():
     expected = {"neurons": 10, "epochs": 1000, "mu": 0.001}
     expected |= {"mu_decrease": 0.1, "mu_increase": 10.0, "max_fail": 5}

@@ -338,6 +338,7 @@ STEER, YAW_RATE = "steer", "yaw_rate"
         ({STEER: lambda x: 0.02 * np.sin(np.arange(len(x)) * 2e-3) + x * 1e-6}, "hardly moves"),
         ({YAW_RATE: lambda x: 400 * x}, r"yaw rate reaches 38\.2 rad/s\. Give --yaw-rate-unit"),
         ({"speed": lambda x: 0 * x}, r"speed runs from 0 to 0 m/s"),
+        ({"speed": lambda x: np.linspace(15, 21, len(x))}, "varies from 15 to 21 m/s, .* --from"),
     ],
 )
 def test_hopeless_recordings_are_refused(written, signals, change, message):

@@ -188,6 +188,25 @@ def test_arrays_that_are_missing_are_refused(tmp_path):
         tuners.load(tmp_path / "lost.tuner")
 
 
+@pytest.mark.parametrize(
+    "settings, arrays, message",
+    [
+        ({"calibration": {"crossover": -1.0}}, {}, "calibration crossover = -1 must be"),
+        ({"calibration": {"phase_margin": float("nan")}}, {}, "calibration phase_margin = nan"),
+        ({"task": {"vehicle": 5}}, {}, "another version"),
+        ({}, {"b2": np.zeros(3)}, "W2 has shape"),
+        ({}, {"b1": np.full(10, np.nan)}, "b1 has nan"),
+    ],
+)
+def test_contents_that_cannot_be_used_are_refused_with_the_path(
+    tmp_path, settings, arrays, message
+):
+    known, learned = read(shipped("ts-ff"))
+    write(tmp_path / "odd.tuner", known | settings, learned | arrays)
+    with pytest.raises(ModelFileError, match=f"odd.tuner .*{message}.* Train it again"):
+        tuners.load(tmp_path / "odd.tuner")
+
+
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left"), KeyboardInterrupt()])
 @pytest.mark.parametrize("function", ["fsync", "replace"])
 def test_a_write_that_fails_leaves_the_old_file_alone(saved, monkeypatch, function, error):

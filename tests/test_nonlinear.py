@@ -203,7 +203,7 @@ def test_a_twin_is_rebuilt_from_its_parameters(twin):
 
 def test_numerical_trouble_is_refused_beforehand():
     with pytest.raises(ValueError, match="steps of integration a sample = .*Shorten the sampling"):
-        driven(TWIN, CORNERS, command(1.0), vehicle=Vehicle(l_rel_f=1e-6))
+        driven(TWIN, Context.of(1.0, 0.0, 1e3), command(1.0), vehicle=Vehicle(l_rel_f=5e-4))
     with pytest.raises(ValueError, match="friction of a wheel that carries its axle = .*M_delta"):
         driven(TWIN, Context.of(0.5, 9000.0, 20.0), command(1.0))
 
@@ -211,10 +211,15 @@ def test_numerical_trouble_is_refused_beforehand():
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ({"tyre": {"shape": 2.5}}, "tyre shape = 2.5 must be finite, above 0, at most 2"),
+        ({"tyre": {"shape": 2.5}}, "tyre shape = 2.5 must be finite, at least 0.001, at most 2"),
         ({"tyre": {"friction_loss": 1.0}}, "tyre friction_loss = 1 must .* at most 0.99"),
-        ({"body": {"track": 0.0}}, "body track = 0 must be finite, above 0"),
+        (
+            {"body": {"track": 0.0}},
+            "body track = 0 must be finite, at least 0.00155",
+        ),
         ({"body": {"front_share": 1.2}}, "body front_share = 1.2 must"),
+        ({"body": {"drag": 1e6}}, "body drag = 1e\\+06 must"),
+        ({"limits": {"rate": 1e9}}, "limits rate = 1e\\+09 must .* at most 1000"),
         ({"limits": {"rate": -1.0}}, "limits rate = -1 must"),
         ({"limits": {"angle": 35.0}}, "limits angle = 35 must .* Give it in rad"),
         ({"limits": {"speed": 1.0}}, "limits = {'speed': 1.0}: give any of angle, rate"),

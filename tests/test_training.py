@@ -159,6 +159,7 @@ def test_no_vehicle_is_in_both_parts(monkeypatch):
     "name, arguments, message",
     [
         ("ts-ff", {"episodes": 49}, "episodes = 49 must be .* at least 50"),
+        ("ts-ff", {"episodes": 0}, "episodes = 0 must be .* at least 50"),
         ("ts-ff", {"episodes": 60.5}, "episodes = 60.5 must be a whole number"),
         ("ts-ff", {"episodes": 60, "seed": -1}, "seed = -1"),
         ("gb", {}, "tuner = 'gb' is unknown. Choose one of ts-gbm, ts-ff"),
@@ -172,6 +173,12 @@ def test_wrong_arguments_are_refused_before_any_work(name, arguments, message, m
     monkeypatch.setattr("tuners.catalogue.simulate_dataset", forbidden)
     with pytest.raises(ValueError, match=message):
         tuners.train(name, Task(), **arguments)
+
+
+def test_a_task_is_a_task():
+    for attempt in (lambda: tuners.train("ts-ff", 5), lambda: tuners.load("gb", 5)):
+        with pytest.raises(ValueError, match="task = 5 is not a Task. Make one with"):
+            attempt()
 
 
 @pytest.mark.parametrize("name", ["ts-ff", "ts-gbm"])

@@ -144,3 +144,9 @@ def test_assessments_come_in_parts_that_do_not_matter():
     assert [done for *_, done in parts] == [100, 130]
     margins = np.concatenate([actual for _, actual, _ in parts])
     assert margins.shape == (130, 2) and np.abs(margins - [60, 1.5]).max() < 0.06
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf])
+def test_a_calibration_factor_is_positive(factor):
+    with pytest.raises(ValueError, match="calibration crossover = .* Calibrate again"):
+        Calibration(crossover=factor)

@@ -107,6 +107,12 @@ def test_tuners_take_lists_and_leave_their_arguments_alone():
     assert (again.kp, again.Ti, again.checks) == (plain.kp, plain.Ti, plain.checks)
 
 
+@pytest.mark.parametrize("name", BLIND)
+def test_no_episodes_no_actions(name):
+    actions, _ = tuners.load(name).predict(np.zeros((0, 2, 10_000)))
+    assert actions.shape == (0, 2)
+
+
 def test_the_policys_state_is_passed_through():
     tuner, obs = tuners.load("nominal"), observations(RECORDING)
     for state in (None, (np.ones(3),), "anything"):
@@ -123,6 +129,10 @@ def test_the_policys_state_is_passed_through():
         (np.zeros((3, 2, 20_000)), "obs has 20000 samples"),
         (np.zeros((4, 10_000)), r"obs has shape \(4, 10000\), wanted .* 2, 3 or 5 rows"),
         (np.zeros(10_000), r"obs has shape \(10000,\)"),
+        (np.full((2, 10_000), 1e150), r"largest \|obs\| = 1e\+150 must be .* at most 1e\+06"),
+        (np.zeros((3, 10_000)), "v_x = 0 must be finite, above 0"),
+        (np.zeros((3, 0)), r"obs has shape \(3, 0\)"),
+        (np.ma.masked_equal(np.zeros((2, 10_000)), 0.0), "obs has 20000 masked samples"),
         (3.0, r"obs has shape \(\)"),
         (np.full((2, 10_000), np.nan), "obs has nan at flat index 0"),
     ],
@@ -141,6 +151,13 @@ def test_observations_that_do_not_fit_are_refused(obs, message):
         ({"y": np.full(10_000, np.inf)}, "y has inf at flat index 0"),
         ({"Ts": -0.001}, "Ts = -0.001 must be finite, above 0"),
         ({"v_x": 0.0}, "v_x = 0 must be finite, above 0"),
+        ({"v_x": np.linspace(-1.0, 41.0, 10_000)}, "v_x = -1 must be finite, above 0"),
+        ({"v_x": np.linspace(17.0, 23.0, 10_000)}, "v_x varies by 30% .* Cut a stretch"),
+        ({"v_x": True}, "v_x is not an array of numbers but of bool"),
+        ({"y": np.ma.masked_less(episode(0)[1], 0.0)}, "y has [0-9]+ masked samples. Fill or cut"),
+        ({"u": episode(0)[0] * 1j}, "u is not an array of numbers but of complex128"),
+        ({"u": episode(0)[0].astype(str)}, "u is not an array of numbers but of <U"),
+        ({"u": episode(0)[0] * 1e100}, r"largest \|u\| = .* at most 1e\+06. Use rad"),
     ],
 )
 def test_logs_that_cannot_be_used_are_refused(name, change, message):
@@ -154,7 +171,8 @@ def test_logs_that_cannot_be_used_are_refused(name, change, message):
     [
         (20.0, None),
         (20.2, None),
-        (np.linspace(19.0, 21.0, 10_000), None),
+        (np.linspace(19.6, 20.4, 10_000), None),
+        (np.linspace(19.0, 21.0, 10_000), "The speed varies by 10% of its mean, which counts."),
         (33.0, "Speed is 33.00 m/s, made for 20 m/s."),
         (19.7, "Speed is 19.70 m/s, made for 20 m/s."),
     ],
@@ -196,6 +214,49 @@ def test_a_failed_fit_is_said_and_still_gives_gains(name):
     assert not result.converged
     assert "The fit did not converge: check the recording." in result.notes
     assert np.isfinite([result.kp, result.Ti]).all() and min(result.kp, result.Ti) > 0
+
+
+STILL = {
+    "no command": lambda u, y: (0 * u, y),
+    "no yaw rate": lambda u, y: (u, 0 * y),
+    "nothing": lambda u, y: (0 * u, 0 * y),
+    "constant command": lambda u, y: (0 * u + 0.01, y),
+    "constant yaw rate": lambda u, y: (u, 0 * y + 0.1),
+    "next to nothing": lambda u, y: (1e-300 * u, 1e-300 * y),
+}
+
+
+@pytest.mark.parametrize("case", STILL)
+@pytest.mark.parametrize("name", [n for n in BLIND if n != "nominal"])
+def test_where_nothing_moves_nothing_is_found(name, case):
+    tuner, (u, y) = tuners.load(name), STILL[case](*episode(0)[:2])
+    actions, _ = tuner.predict(np.stack([u, y]))
+    np.testing.assert_array_equal(actions, tuner._fallback)
+    result = tuner.tune(u, y, 0.001)
+    assert (result.kp, result.Ti) == tuner._fallback
+    assert not result.trusted and not result.converged
+
+
+def test_magnitudes_that_no_car_reaches_are_not_trusted():
+    u, y, Ts = episode(0)
+    for scale in (1e2, 1e6):  # both in other units: the ratio is right
+        result = tuners.load("ts-ff").tune(scale * u, scale * y, Ts)
+        assert not result.trusted and any("check the units" in r for r in result.reasons)
+
+
+def test_a_quantised_yaw_rate_is_noted():
+    u, y, Ts = episode(0)
+    fine, coarse = (tuners.load("gb").tune(u, q * np.round(y / q), Ts) for q in (1e-4, 1e-2))
+    assert fine.notes == ()
+    assert coarse.notes == (
+        "The yaw rate is quantised in steps of 0.01 rad/s: intervals may be too narrow.",
+    )
+
+
+def test_recordings_too_long_are_refused_before_they_are_resampled():
+    slow = np.zeros(20_000)
+    with pytest.raises(ValueError, match="= 400000 must be .* at most 200000. Cut to the best 20"):
+        tuners.load("gb").tune(slow, slow, 0.02)
 
 
 class Lost(Tuner):

@@ -87,3 +87,24 @@ def test_finite_array_says_what_is_wrong(value, message):
 def test_finite_array_converts_to_float64():
     array = validation.finite_array("x", [[1, 2]], shape=(None, 2))
     assert array.dtype == np.float64 and array.tolist() == [[1, 2]]
+
+
+@pytest.mark.parametrize(
+    "value, message",
+    [
+        (np.ma.masked_equal([1.0, 2.0, 1.0], 1.0), "x has 2 masked samples. Fill or cut them"),
+        (np.array([1j, 2.0]), "not an array of numbers but of complex128"),
+        (["1", "2"], "not an array of numbers but of <U1"),
+        ([True, False], "not an array of numbers but of bool"),
+        (np.array(["1", 2.0], dtype=object), "not an array of numbers but of object"),
+        (np.array(["2026-01-01"], dtype="M8[D]"), "not an array of numbers but of datetime64"),
+    ],
+)
+def test_nothing_is_dropped_or_invented_on_the_way_to_floats(value, message):
+    with pytest.raises(ValueError, match=message):
+        validation.finite_array("x", value, shape=(None,))
+
+
+def test_a_masked_array_without_masked_values_is_an_array():
+    found = validation.finite_array("x", np.ma.array([1, 2]), shape=(2,))
+    np.testing.assert_array_equal(found, [1.0, 2.0])

@@ -16,6 +16,7 @@ class Oracle(Tuner):
     """The design rule with the true vehicle, where the recording shows it."""
 
     kind: ClassVar[str] = "oracle"
+    needs_motion: ClassVar[bool] = False
 
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Design for the true context."""
@@ -32,6 +33,7 @@ class Nominal(Tuner):
     """The fixed PI of the vehicle in the middle of the prior."""
 
     kind: ClassVar[str] = "nominal"
+    needs_motion: ClassVar[bool] = False
 
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Same gains for all."""

@@ -92,10 +92,9 @@ def train(
         Data already simulated with this compressor, instead of new.
     """
     name, recipe = named(tuner)
-    task = task or Task(prior=Prior(v_x=recipe.v_x))
-    episodes = validation.count(
-        "episodes", episodes or recipe.vehicles, at_least=50, remedy="Simulate more."
-    )
+    task = Task(prior=Prior(v_x=recipe.v_x)) if task is None else _checked(task)
+    episodes = recipe.vehicles if episodes is None else episodes
+    episodes = validation.count("episodes", episodes, at_least=50, remedy="Simulate more.")
     validation.count("seed", seed, at_least=0)
 
     def report(what: str) -> Callable[[int, int], None] | None:
@@ -157,12 +156,19 @@ def load(name: str | os.PathLike[str], task: Task | None = None) -> Tuner:
     ValueError
         No such name, or a file that is damaged, foreign or missing.
     """
+    task = Task() if task is None else _checked(task)
     if str(name).endswith(model_file.SUFFIX):
         return from_file(name)
     validation.one_of("tuner", name, NAMES)
     if str(name) in UNTRAINED:
-        return UNTRAINED[str(name)](task or Task())
+        return UNTRAINED[str(name)](task)
     return from_file(shipped(str(name)))
+
+
+def _checked(task: Task) -> Task:
+    if not isinstance(task, Task):
+        raise ValueError(f"task = {task!r} is not a Task. Make one with yawrate_env.task.Task.")
+    return task
 
 
 def shipped(name: str) -> Path:
@@ -183,5 +189,10 @@ def from_file(path: str | os.PathLike[str]) -> Tuner:
     except (KeyError, TypeError) as error:
         raise model_file.ModelFileError(
             f"{path} lacks or misnames {error}: written by another version. Train it again."
+        ) from None
+    except (ValueError, AttributeError, IndexError) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise model_file.ModelFileError(
+            f"{path} cannot be used: {reason} Train it again."
         ) from None
     return tuner

@@ -33,11 +33,14 @@ def decode(values: Array, target: Target, coordinates: str) -> Design:
     """Predicted targets (B, 2) to gains, with a status each.
 
     A phase that no PI supplies is treated as the design rule treats it; gains that are
-    not positive are `Status.UNREACHABLE` and ``nan``.
+    not positive and finite are `Status.UNREACHABLE` and ``nan``.
     """
     validation.one_of("coordinates", coordinates, COORDINATES)
     if coordinates == "loop":
-        return design_from_response(values[:, 0], values[:, 1], target)
-    positive = (values > 0).all(axis=1)
-    kp, Ti = np.where(positive, values.T, np.nan)
-    return Design(kp, Ti, np.where(positive, Status.OK, Status.UNREACHABLE))
+        with np.errstate(over="ignore"):  # far from all that was learned
+            design = design_from_response(values[:, 0], values[:, 1], target)
+    else:
+        design = Design(values[:, 0], values[:, 1], np.full(len(values), int(Status.OK)))
+    usable = (design.kp > 0) & (design.Ti > 0) & np.isfinite(design.kp) & np.isfinite(design.Ti)
+    kp, Ti = (np.where(usable, x, np.nan) for x in (design.kp, design.Ti))
+    return Design(kp, Ti, np.where(usable, design.status, int(Status.UNREACHABLE)))

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.compiled import cores
+from yawrate_env.validation import finite_array
 
 if TYPE_CHECKING:
     import torch
@@ -181,7 +182,13 @@ class FeedForward:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray[Any]]) -> Self:
-        """Rebuild from `arrays`."""
+        """Rebuild from `arrays`, or ``ValueError`` where these do not go together."""
+        n, h, o = (len(arrays[name]) for name in ("inputs.middle", "b1", "b2"))
+        shapes: dict[str, tuple[int, ...]] = {"W1": (h, n), "b1": (h,), "W2": (o, h), "b2": (o,)}
+        for side, width in (("inputs", n), ("outputs", o)):
+            shapes |= {f"{side}.middle": (width,), f"{side}.half": (width,)}
+        for name, shape in shapes.items():
+            finite_array(name, arrays[name], shape=shape)
         inputs, outputs = (
             _Scaling(arrays[f"{side}.middle"], arrays[f"{side}.half"])
             for side in ("inputs", "outputs")

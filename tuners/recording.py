@@ -6,9 +6,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tuners.plausible import UNSTEADY
 from yawrate_env import validation
 from yawrate_env.batch import take
-from yawrate_env.vehicle import Context
+from yawrate_env.vehicle import LARGEST, Context
+
+_LARGEST = 1e6  # [rad], [rad/s]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +32,8 @@ class Recording:
         The truth, where it is visible; only the oracle looks at it.
     oversampled : float
         Samples for each independent one: above 1 where samples were interpolated.
+    speed_variation : float
+        Peak-to-peak speed over its mean, which `v_x` holds.
     """
 
     u: NDArray[np.float64]
@@ -37,30 +42,23 @@ class Recording:
     v_x: NDArray[np.float64] | None = None
     context: Context | None = None
     oversampled: float = 1.0
+    speed_variation: float = 0.0
 
     @classmethod
     def of(cls, u: ArrayLike, y: ArrayLike, Ts: float, v_x: ArrayLike | None = None) -> Self:
         """One episode from two arrays (N,), checked."""
-        command = validation.finite_array("u", u, shape=(None,))
-        measured = validation.finite_array("y", y, shape=(None,))
+        command = _signal("u", u)
+        measured = _signal("y", y)
         if len(command) != len(measured):
             raise ValueError(
                 f"u has {len(command)} samples and y has {len(measured)}. Cut them to one length."
             )
         validation.count("number of samples", len(command), at_least=2, remedy="Record more.")
         validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
-        speed = None
-        if v_x is not None:
-            # A speed that varies a little over the episode counts by its mean.
-            speeds = validation.finite_array("v_x", np.atleast_1d(v_x), shape=(None,))
-            if len(speeds) not in (1, len(measured)):
-                raise ValueError(
-                    f"v_x has {len(speeds)} values for {len(measured)} samples. "
-                    "Give one speed, or one a sample."
-                )
-            mean = float(speeds.mean())
-            speed = np.array([validation.number("v_x", mean, above=0.0, remedy="Give it in m/s.")])
-        return cls(command[None], measured[None], Ts, speed)
+        if v_x is None:
+            return cls(command[None], measured[None], Ts)
+        mean, variation = _mean_speed(v_x, len(measured))
+        return cls(command[None], measured[None], Ts, np.array([mean]), speed_variation=variation)
 
     @classmethod
     def of_observations(cls, obs: ArrayLike, Ts: float) -> tuple[Self, bool]:
@@ -72,18 +70,20 @@ class Recording:
             Rows as in the environment: command, yaw rate, then ``v_x`` if the speed is
             visible, and ``mu_s, M_delta`` too if the context is.
         """
-        array = np.asarray(obs)
+        array = validation.real_array("obs", obs)
         if array.dtype != np.float32:  # a batch of the environment's is converted last, in parts
             array = np.asarray(array, dtype=np.float64)
         single = array.ndim == 2
         array = array[None] if single else array
-        if array.ndim != 3 or array.shape[1] not in (2, 3, 5):
+        if array.ndim != 3 or array.shape[1] not in (2, 3, 5) or not array.shape[2]:
             raise ValueError(
                 f"obs has shape {np.shape(obs)}, wanted (rows, N) or (B, rows, N) with 2, 3 or 5 "
                 "rows, as yawrate/PITuning-v0 gives them."
             )
         if not np.isfinite(array).all():
             validation.finite_array("obs", array, shape=(None, None, None))  # says where
+        _squarable("obs", array[:, :2])
+        _positive(array[:, 2:3, 0])
         u = array[:, 0]
         u = u[:1] if (u == u[:1]).all() else u
         v_x = array[:, 2, 0].astype(np.float64) if array.shape[1] > 2 else None
@@ -128,3 +128,42 @@ class Recording:
             Ts=Ts,
             oversampled=max(self.oversampled, self.Ts / Ts),
         )
+
+
+def _signal(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Finite values (N,) of a size that can be squared."""
+    signal = validation.finite_array(name, value, shape=(None,))
+    _squarable(name, signal)
+    return signal
+
+
+def _squarable(name: str, values: NDArray[np.floating]) -> None:
+    if values.size:
+        largest = float(max(values.max(), -values.min()))
+        validation.number(
+            f"largest |{name}|", largest, at_most=_LARGEST, remedy="Use rad and rad/s."
+        )
+
+
+def _positive(speeds: NDArray[np.floating]) -> None:
+    for speed in (speeds.min(), speeds.max()) if speeds.size else ():
+        validation.number("v_x", speed, above=0.0, at_most=LARGEST["v_x"], remedy="Use m/s.")
+
+
+def _mean_speed(v_x: ArrayLike, N: int) -> tuple[float, float]:
+    """Mean and relative variation of one speed, or of one for each of `N` samples."""
+    speeds = validation.finite_array(
+        "v_x", np.atleast_1d(validation.real_array("v_x", v_x)), shape=(None,)
+    )
+    if len(speeds) not in (1, N):
+        raise ValueError(
+            f"v_x has {len(speeds)} values for {N} samples. Give one speed, or one a sample."
+        )
+    _positive(speeds)
+    mean, variation = float(speeds.mean()), float(np.ptp(speeds) / speeds.mean())
+    if variation > UNSTEADY:
+        raise ValueError(
+            f"v_x varies by {variation:.0%} of its mean, at most {UNSTEADY:.0%} can be used. "
+            "Cut a stretch of steady speed."
+        )
+    return mean, variation

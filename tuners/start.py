@@ -28,6 +28,7 @@ MODEL = Laguerre(order=20, pole=12.0)
 """Explains vehicles from 10 to 33 m/s to -45 dB or better, at 20 m/s to -80 dB."""
 
 _SIGNIFICANT = 4.0  # standard deviations of the statistic under rest
+_LARGEST_KEPT = 20_000  # samples: 3 MB
 _NEGLIGIBLE = 3e-6  # of the yaw rate's energy: `MODEL` itself may leave out as much
 
 
@@ -62,7 +63,6 @@ class BlackBox:
     residual: Array
 
 
-@lru_cache(maxsize=4)
 def free_responses(N: int, Ts: float) -> tuple[Array, float]:
     """What the command does not explain, as orthonormal signals.
 
@@ -73,11 +73,18 @@ def free_responses(N: int, Ts: float) -> tuple[Array, float]:
     constant : float
         Constant whose coefficient on the last signal is one.
     """
+    return (_kept if N <= _LARGEST_KEPT else _free_responses)(N, Ts)
+
+
+def _free_responses(N: int, Ts: float) -> tuple[Array, float]:
     impulse = np.zeros((1, N + 1))
     impulse[0, 0] = 1.0
     decays = MODEL.regressors(impulse, Ts)[0, :, 1:]
     Q, R = np.linalg.qr(np.concatenate([decays, np.ones((1, N))]).T)
     return np.ascontiguousarray(Q.T), float(1 / R[-1, -1])
+
+
+_kept = lru_cache(maxsize=4)(_free_responses)
 
 
 def black_box(recording: Recording, start: str) -> BlackBox:

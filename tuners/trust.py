@@ -18,10 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE
 from tuners.recording import Recording
 from tuners.result import Check, Interval, TuningResult, TwinFit
 from tuners.start import MODEL, BlackBox
 from tuners.twin import Twins, fit, moved
+from yawrate_env import validation
 from yawrate_env.batch import take
 from yawrate_env.design import Design, Status
 from yawrate_env.episode import plants
@@ -48,6 +50,8 @@ class Limits:
     ----------
     speed : float
         Distance of the recording's speed from those that the tuner was made for [m/s].
+    implausible : float
+        Largest command, yaw rate or speed over what a car can do.
     noise : float
         Residual over simulated yaw rate, root mean squares.
     phase_margin_spread, crossover_spread : float
@@ -69,6 +73,7 @@ class Limits:
     """
 
     speed: float = 0.25
+    implausible: float = 1.0
     noise: float = 0.3
     phase_margin_spread: float = 0.5
     crossover_spread: float = 0.025
@@ -97,6 +102,12 @@ class Calibration:
     crossover: float = GAUSSIAN
     episodes: int = 0
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("phase_margin", "crossover"):
+            validation.number(
+                f"calibration {name}", getattr(self, name), above=0.0, remedy="Calibrate again."
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,6 +157,8 @@ _MISSED = "With the fitted vehicle these gains miss the target."
 MESSAGES = {
     "speed": "The recording's speed is not one that the tuner was made for: train one for it, or "
     "use one for every speed.",
+    "implausible": f"Steering beyond {np.degrees(LARGEST_ANGLE):.0f} deg, a yaw rate beyond "
+    f"{LARGEST_YAW_RATE:g} rad/s or a speed beyond {LARGEST_SPEED:g} m/s: check the units.",
     "phase_margin_spread": _INFORMATION,
     "crossover_spread": _INFORMATION,
     "misfit": "No vehicle that the simulator knows answers this command so: check units, "
@@ -199,6 +212,7 @@ def assess(
         error = np.abs(margins - target)
         findings = {
             "speed": np.maximum(np.maximum(speeds[0] - v_x, v_x - speeds[1]), 0.0),
+            "implausible": _implausible(recording, v_x),
             "phase_margin_spread": spread[:, 0],
             "crossover_spread": spread[:, 1],
             "misfit": _misfit(model, twins),
@@ -232,6 +246,13 @@ def _margins(task: Task, twins: Twins, design: Design) -> tuple[Array, Array]:
     J = np.stack(columns, axis=2)
     variance = np.einsum("bij,bjk,bik->bi", J, twins.covariance, J)
     return of(twins.context), np.sqrt(variance)
+
+
+def _implausible(recording: Recording, v_x: Array) -> Array:
+    """Largest command, yaw rate or speed over what a car can do."""
+    angle, turn = (np.abs(x).max(axis=1) for x in (recording.u, recording.y))
+    ratios = (angle / LARGEST_ANGLE, turn / LARGEST_YAW_RATE, v_x / LARGEST_SPEED)
+    return np.asarray(np.max(np.broadcast_arrays(*ratios), axis=0))
 
 
 def _ratio(residual: Array, simulated: Array) -> Array:

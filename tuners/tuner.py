@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tuners import model_file
 from tuners.fallback import fallback
+from tuners.plausible import STEADY, STILL
 from tuners.recording import Recording
 from tuners.result import TuningResult
 from tuners.start import black_box
@@ -24,6 +25,8 @@ from yawrate_env.vehicle import Context, Vehicle
 Array = NDArray[np.float64]
 
 _SLOWEST = 0.1  # sampling time, in periods of the crossover
+_LONGEST = 200_000  # samples of one episode
+_FEW = 10  # samples for each distinct value, or more
 
 
 def nominal_context(prior: Prior) -> Context:
@@ -43,6 +46,8 @@ class Tuner(ABC):
     kind: ClassVar[str]
     any_experiment: bool = False
     """Whether sampling time and length make no difference, so that no note is due."""
+    needs_motion: ClassVar[bool] = True
+    """Whether it finds nothing where command or yaw rate stand still."""
 
     def __init__(self, task: Task) -> None:
         self.task, self.calibration = task, Calibration()
@@ -99,6 +104,7 @@ class Tuner(ABC):
             notes += ("No gains found: these are the nominal vehicle's.",)
         if not found.converged[0]:
             notes += ("The fit did not converge: check the recording.",)
+        notes += _quantised(given.y[0], found.twins.residual[0])
         return result(found, design, notes, self.calibration, fallback(self.task))
 
     def assess(self, recording: Recording, start: str = "auto") -> tuple[Design, Assessment]:
@@ -106,10 +112,14 @@ class Tuner(ABC):
         slowest = _SLOWEST / self.task.target.crossover
         remedy = "Slower samples do not show what happens at the crossover: record faster."
         validation.number("Ts", recording.Ts, at_most=slowest, remedy=remedy)
+        samples = recording.y.shape[1] * recording.Ts / self.task.experiment.Ts
+        remedy = "Cut to the best 20 s, or decimate."
+        validation.number("number of samples at the tuner's Ts", samples, at_most=_LONGEST,
+                          remedy=remedy)  # fmt: skip
         recording = recording.resampled(self.task.experiment.Ts)
         speeds = self.speeds(recording)
         model = black_box(recording, start)
-        design, converged = self.gains(model.recording)
+        design, converged = self._moved(recording, *self.gains(model.recording))
         design = Design(*self._usable(design), design.status)
         nominal = nominal_context(self.task.prior)
         return design, assess(
@@ -145,12 +155,12 @@ class Tuner(ABC):
                 f"obs has {samples} samples, this tuner's episodes have {experiment.N} of "
                 f"{experiment.Ts:g} s. Use tune(u, y, Ts), or train a tuner for this experiment."
             )
-        actions = self.act(recording)
+        actions = self.act(recording) if len(recording) else np.empty((0, 2))
         return (actions[0] if single else actions), state
 
     def act(self, recording: Recording) -> Array:
         """(B, 2) of usable (kp, Ti); the nominal vehicle's where the tuner finds none."""
-        design, _ = self.gains(recording)
+        design, _ = self._moved(recording, *self.gains(recording))
         return np.stack(self._usable(design), axis=1)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -187,6 +197,16 @@ class Tuner(ABC):
             )
         return np.full(len(recording), low)
 
+    def _moved(
+        self, recording: Recording, design: Design, converged: NDArray[np.bool_]
+    ) -> tuple[Design, NDArray[np.bool_]]:
+        """Nothing in place of what was made of recordings in which nothing moves."""
+        command, turn = (np.ptp(x, axis=1) for x in (recording.u, recording.y))
+        still = (np.minimum(command, turn) <= STILL) & self.needs_motion
+        kp, Ti = (np.where(still, np.nan, x) for x in (design.kp, design.Ti))
+        status = np.where(still, int(Status.UNREACHABLE), design.status)
+        return Design(kp, Ti, status), converged & ~still
+
     def _usable(self, design: Design) -> tuple[Array, Array]:
         found = np.isfinite(design.kp) & np.isfinite(design.Ti)
         return np.where(found, design.kp, self._fallback[0]), np.where(
@@ -206,7 +226,24 @@ class Tuner(ABC):
             low, high = prior.v_x
             made = f"{low:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
             notes.append(f"Speed is {recording.v_x[0]:.2f} m/s, made for {made}.")
+        if recording.speed_variation > STEADY:
+            notes.append(
+                f"The speed varies by {recording.speed_variation:.0%} of its mean, which counts."
+            )
         return tuple(notes)
+
+
+def _quantised(y: Array, residual: Array) -> tuple[str, ...]:
+    """A note where few values (N,) are so far apart that rounding is not just more noise."""
+    values = np.unique(y)
+    if not 1 < len(values) < len(y) / _FEW:
+        return ()
+    step = float(np.diff(values).min())
+    if step <= np.sqrt(np.mean(residual**2)):
+        return ()
+    return (
+        f"The yaw rate is quantised in steps of {step:.2g} rad/s: intervals may be too narrow.",
+    )
 
 
 def task_from(settings: dict[str, Any]) -> Task:

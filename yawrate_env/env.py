@@ -166,8 +166,8 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Draw a vehicle and record its episode."""
-        super().reset(seed=seed)
         fixed = interaction.pinned(options, 1)
+        super().reset(seed=seed)
         words = self.np_random.bit_generator.random_raw(WORDS)[None]
         drawn = interaction.draw(words, self.task, fixed)
         self._obs = interaction.observe(self.task, drawn, self.visible, self.decimate)[0]

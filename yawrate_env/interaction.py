@@ -80,16 +80,25 @@ def observation_space(experiment: Experiment, visible: str, decimate: int) -> Bo
     return Box(-high, high, dtype=np.float32)
 
 
+def mapping(options: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Options of ``reset``, a copy, or ``ValueError``."""
+    if not isinstance(options, Mapping | None):
+        raise ValueError(
+            f"reset options = {options!r} are not a dictionary. Give {{name: value}}, or None."
+        )
+    return dict(options or {})
+
+
 def pinned(options: Mapping[str, Any] | None, count: int) -> dict[str, NDArray[np.float64]]:
     """Context values that ``reset(options=...)`` pins, each (count,)."""
     values: dict[str, NDArray[np.float64]] = {}
-    for name, value in (options or {}).items():
+    for name, value in mapping(options).items():
         if name not in Context.__slots__:
             raise ValueError(
                 f"reset option {name!r} is unknown. Use any of {', '.join(Context.__slots__)}."
             )
         try:
-            array = np.asarray(value, dtype=np.float64)
+            array = np.asarray(validation.real_array(name, value), dtype=np.float64)
         except (TypeError, ValueError):
             raise ValueError(f"reset option {name} = {value!r}: give one number.") from None
         if array.shape not in ((), (count,)):
@@ -114,6 +123,13 @@ def observe(task: Task, drawn: Draw, visible: str, decimate: int) -> NDArray[np.
     rows = 2 + len(VISIBLE[visible])
     obs = np.empty((len(drawn), rows, task.experiment.N), dtype=np.float32)
     u, _ = record(task, drawn, out=obs[:, 1])
+    if not np.isfinite(obs[:, 1]).all():
+        worst = int(np.argmin(np.isfinite(obs[:, 1]).all(axis=1)))
+        mu_s, M_delta, v_x = (getattr(drawn.context, name)[worst] for name in Context.__slots__)
+        raise ValueError(
+            f"The yaw rate with mu_s = {mu_s:.3g}, M_delta = {M_delta:.4g} kg and v_x = {v_x:.3g} "
+            "m/s is not finite: the vehicle is unstable. Lower v_x, or check the vehicle."
+        )
     return _completed(obs, u, drawn.context, visible, decimate)
 
 

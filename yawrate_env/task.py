@@ -10,7 +10,7 @@ import numpy as np
 
 from yawrate_env import validation
 from yawrate_env.twin import LinearTwin, Twin
-from yawrate_env.vehicle import LARGEST, Vehicle
+from yawrate_env.vehicle import LARGEST, SMALLEST, Vehicle
 
 REGISTERS = ("same", "random")
 CONTROLLERS = ("pi", "printed")
@@ -39,8 +39,10 @@ class Prior:
             low, high = validation.interval(name, getattr(self, name))
             validation.number(name, high, at_most=largest, remedy="Use SI units.")
             object.__setattr__(self, name, (low, high))
-        for name, (low, _) in (("mu_s", self.mu_s), ("v_x", self.v_x)):
-            validation.number(name, low, above=0.0, remedy="Raise the low end of its range.")
+        for name, smallest in SMALLEST.items():
+            low, _ = getattr(self, name)
+            validation.number(name, low, above=0.0, at_least=smallest,
+                              remedy="Raise the low end of its range.")  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +74,10 @@ class Experiment:
 
     def __post_init__(self) -> None:
         validation.number("Ts", self.Ts, above=0.0, remedy="Give a sampling time in seconds.")
-        N = validation.count("N", self.N, at_least=2, remedy="Record more samples.")
+        N = validation.count("N", self.N, at_least=2, at_most=1e7,
+                             remedy="Record some 10 s.")  # fmt: skip
         object.__setattr__(self, "N", N)
-        validation.number("amplitude", self.amplitude, above=0.0, at_most=np.pi / 4,
+        validation.number("amplitude", self.amplitude, at_least=1e-6, at_most=np.pi / 4,
                           remedy="Give it in rad.")  # fmt: skip
         validation.number("bit_time", self.bit_time, at_least=self.Ts,
                           remedy="Hold each bit for a sampling time or longer.")  # fmt: skip
@@ -118,7 +121,8 @@ class Target:
                           remedy="Give it in degrees.")  # fmt: skip
         validation.number("crossover", self.crossover, above=0.0, at_most=0.45 / self.Ts,
                           remedy="Keep it, in Hz, well below half the sampling rate.")  # fmt: skip
-        delay_samples = validation.count("delay_samples", self.delay_samples, at_least=0)
+        delay_samples = validation.count("delay_samples", self.delay_samples, at_least=0,
+                                         at_most=200, remedy="Raise Ts_control.")  # fmt: skip
         object.__setattr__(self, "delay_samples", delay_samples)
         validation.one_of("controller", self.controller, CONTROLLERS)
 

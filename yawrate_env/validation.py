@@ -42,12 +42,31 @@ def number(
     return result
 
 
-def count(name: str, value: Any, *, at_least: int = 1, remedy: str = "") -> int:
-    """Return `value` as an int that is at least `at_least`, or raise ``ValueError``."""
-    result = number(name, value, at_least=at_least, remedy=remedy)
+def count(
+    name: str, value: Any, *, at_least: int = 1, at_most: float = math.inf, remedy: str = ""
+) -> int:
+    """Return `value` as an int within its bounds, or raise ``ValueError``."""
+    result = number(name, value, at_least=at_least, at_most=at_most, remedy=remedy)
     if not result.is_integer():
         raise ValueError(f"{name} = {result:g} must be a whole number. {remedy}".strip())
     return int(result)
+
+
+def like(
+    name: str, value: Any, usual: Any, *, zero: bool = False, at_most: float = math.inf
+) -> float:
+    """Return `value` if it is within a factor of 1000 of the `usual` one, or raise ``ValueError``.
+
+    Numerics are safe there, and whatever lies beyond is a mistake of units.  With `zero`,
+    less is as good.
+    """
+    return number(
+        name,
+        value,
+        at_least=0.0 if zero else 1e-3 * usual,
+        at_most=min(1e3 * usual, at_most),
+        remedy="Use SI units.",
+    )
 
 
 def interval(name: str, value: Any) -> tuple[float, float]:
@@ -70,13 +89,34 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
     return str(value)
 
 
+def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
+    """Return `value` as an array, or raise where making it float64 would lose or invent something.
+
+    A mask and an imaginary part would be dropped, texts and truth values read as numbers.
+    """
+    if np.ma.is_masked(value):
+        masked = int(np.ma.getmaskarray(np.ma.asarray(value)).sum())
+        raise ValueError(f"{name} has {masked} masked samples. Fill or cut them first.")
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is not an array of numbers.") from None
+    kind, odd = array.dtype.kind, str | bytes | bool
+    if kind not in "iufO" or (kind == "O" and any(isinstance(x, odd) for x in array.flat)):
+        raise ValueError(
+            f"{name} is not an array of numbers but of {array.dtype}. Give real numbers."
+        )
+    return array
+
+
 def finite_array(
     name: str, value: ArrayLike, *, shape: tuple[int | None, ...]
 ) -> NDArray[np.float64]:
     """Return `value` as a finite float64 array of `shape` (``None``: any), or raise."""
+    real = real_array(name, value)
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = np.asarray(real, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} is not an array of numbers.") from None
     fits = array.ndim == len(shape) and all(
         want is None or want == have for want, have in zip(shape, array.shape, strict=True)

@@ -1,6 +1,6 @@
 """The native batch environment behind ``gymnasium.make_vec("yawrate/PITuning-v0")``."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import gymnasium
@@ -16,6 +16,8 @@ from yawrate_env.env import Observation, PITuningEnv
 from yawrate_env.episode import WORDS, Draw
 
 Array = NDArray[Any]
+
+_SEED = "Give an integer that is not negative."
 
 
 class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
@@ -36,7 +38,9 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
     }
 
     def __init__(self, num_envs: int = 1, *, render_mode: str | None = None, **kwargs: Any) -> None:
-        self.num_envs = validation.count("num_envs", num_envs, at_least=1)
+        self.num_envs = validation.count(
+            "num_envs", num_envs, at_most=1e6, remedy="Use more batches."
+        )
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}: a batch renders to 'rgb_array' only.")
         one = self.scalar(**kwargs)
@@ -71,10 +75,10 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
         options: dict[str, Any] | None = None,
     ) -> tuple[Observation, dict[str, Any]]:
         """Reset all, or those in ``options["reset_mask"]``."""
-        options = dict(options or {})
-        mask = self._reset_mask(options.pop("reset_mask", None))
+        given = interaction.mapping(options)
+        mask = self._reset_mask(given.pop("reset_mask", None))
+        fixed = interaction.pinned(given, self.num_envs)
         self._seed(seed, mask)
-        fixed = interaction.pinned(options, self.num_envs)
         self._renew(mask, fixed)
         assert self._obs is not None
         return self._obs.copy(), {}
@@ -156,19 +160,28 @@ class PITuningVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array]):
         assert self._generators is not None
         if seed is None:
             return
-        seeds = (
-            [seed + i for i in range(self.num_envs)]
-            if isinstance(seed, int | np.integer)
-            else list(seed)
-        )
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"{len(seeds)} seeds for {self.num_envs} sub-environments.")
-        for i, one in enumerate(seeds):
+        for i, one in enumerate(_seeds(seed, self.num_envs)):
             if mask[i] and one is not None:
-                self._generators[i], self._seeds[i] = seeding.np_random(int(one))
+                self._generators[i], self._seeds[i] = seeding.np_random(one)
 
     def _ensure_generators(self) -> None:
         if self._generators is None:
             pairs = [seeding.np_random() for _ in range(self.num_envs)]
             self._generators = [generator for generator, _ in pairs]
             self._seeds = [seed for _, seed in pairs]
+
+
+def _seeds(seed: Any, count: int) -> list[int | None]:
+    """One seed or None for each of `count` sub-environments, all checked."""
+    if isinstance(seed, str | bytes | Mapping):
+        raise ValueError(f"seed = {seed!r} is not a number. Give an integer, or one each.")
+    if not isinstance(seed, Iterable):
+        first = validation.count("seed", seed, at_least=0, remedy=_SEED)
+        return [first + i for i in range(count)]
+    seeds = [
+        None if one is None else validation.count(f"seed[{i}]", one, at_least=0, remedy=_SEED)
+        for i, one in enumerate(seed)
+    ]
+    if len(seeds) != count:
+        raise ValueError(f"{len(seeds)} seeds for {count} sub-environments.")
+    return seeds

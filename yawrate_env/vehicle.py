@@ -29,6 +29,9 @@ N_STATES = 6
 LARGEST = {"mu_s": 100.0, "M_delta": 1e6, "v_x": 1e3}
 """Beyond these a context is refused as a mistake of units [1, kg, m/s]."""
 
+SMALLEST = {"mu_s": 1e-3, "v_x": 0.0}
+"""Least friction, below which nothing steers, and speed, exclusive."""
+
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
@@ -65,12 +68,7 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            validation.number(
-                f"vehicle {field.name}",
-                getattr(self, field.name),
-                above=0.0,
-                remedy="Give a physical value in SI units.",
-            )
+            validation.like(f"vehicle {field.name}", getattr(self, field.name), field.default)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +92,12 @@ class Context:
     @classmethod
     def of(cls, mu_s: ArrayLike, M_delta: ArrayLike, v_x: ArrayLike) -> Self:
         """Batch from anything that broadcasts to one dimension, checked."""
-        arrays = np.broadcast_arrays(*(np.atleast_1d(a) for a in (mu_s, M_delta, v_x)))
+        arrays = np.broadcast_arrays(
+            *(
+                np.atleast_1d(validation.real_array(name, values))
+                for name, values in zip(cls.__slots__, (mu_s, M_delta, v_x), strict=True)
+            )
+        )
         checked = {
             name: validation.finite_array(name, array.copy(), shape=(None,))
             for name, array in zip(cls.__slots__, arrays, strict=True)
@@ -102,9 +105,11 @@ class Context:
         for name, array in checked.items():
             if array.size:
                 validation.number(name, array.max(), at_most=LARGEST[name], remedy="Use SI units.")
-        for name in ("mu_s", "v_x"):
+        for name, smallest in SMALLEST.items():
             if checked[name].size:
-                validation.number(name, checked[name].min(), above=0.0, remedy="Raise it.")
+                validation.number(
+                    name, checked[name].min(), above=0.0, at_least=smallest, remedy="Raise it."
+                )
         return cls(**checked)
 
     def __len__(self) -> int:

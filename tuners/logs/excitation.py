@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tuners.logs.table import Array, LogError
+from tuners.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE, STEADY, STILL, UNSTEADY
 
 SHORTEST = 3.0
 _WEAK_RMS, _NO_RMS = np.radians(0.1), np.radians(0.002)
-_LARGEST_ANGLE, _LARGEST_YAW_RATE, _LARGEST_SPEED = np.radians(45), 10.0, 150.0
-_STEADY = 0.05
 _LINEAR = 4.0  # [m/s^2] of lateral acceleration, beyond which tyres saturate on dry asphalt
 
 
@@ -71,9 +70,9 @@ def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: flo
     duration, amplitude = len(steer) * Ts, float(np.ptp(steer)) / 2
     if duration < SHORTEST:
         raise LogError(f"{duration:.2f} s are too short; at least {SHORTEST:g} s are needed.")
-    if not np.ptp(steer) > 1e-9:
+    if not np.ptp(steer) > STILL:
         raise LogError(f"The steering is constant ({np.degrees(steer[0]):.3g} deg): nothing moves.")
-    if not np.ptp(yaw_rate) > 1e-9:
+    if not np.ptp(yaw_rate) > STILL:
         raise LogError(f"The yaw rate is constant ({yaw_rate[0]:.3g} rad/s): is it the right one?")
     _plausible(steer, yaw_rate, speed)
     band = band_around(crossover)
@@ -91,10 +90,6 @@ def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: flo
         notes.append(f"Weak excitation: {np.degrees(rms):.2g} deg rms {within}.")
     if changes < 4:
         notes.append(f"Little excitation: the steering crosses its middle {_times(changes)}.")
-    if np.ptp(speed) > _STEADY * speed.mean():
-        notes.append(
-            f"The speed varies from {speed.min():.3g} to {speed.max():.3g} m/s; its mean is taken."
-        )
     lateral = float(np.abs(yaw_rate * speed).max())
     if lateral > _LINEAR:
         notes.append(
@@ -106,17 +101,22 @@ def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: flo
 def _plausible(steer: Array, yaw_rate: Array, speed: Array) -> None:
     """Refuse what no car does: a unit that is not the assumed one."""
     angle, turn = np.degrees(np.abs(steer).max()), np.abs(yaw_rate).max()
-    if angle > np.degrees(_LARGEST_ANGLE):
+    if angle > np.degrees(LARGEST_ANGLE):
         raise LogError(
             f"The steering reaches {angle:.3g} deg at the road wheel. "
             "Give --steer-unit, or the --steer-ratio of the hand wheel."
         )
-    if turn > _LARGEST_YAW_RATE:
+    if turn > LARGEST_YAW_RATE:
         raise LogError(f"The yaw rate reaches {turn:.3g} rad/s. Give --yaw-rate-unit.")
-    if not 0 < speed.min() <= speed.max() <= _LARGEST_SPEED:
+    if not 0 < speed.min() <= speed.max() <= LARGEST_SPEED:
         raise LogError(
             f"The speed runs from {speed.min():.3g} to {speed.max():.3g} m/s. "
             "Give --speed-unit, or choose a stretch with --from and --to."
+        )
+    if np.ptp(speed) > UNSTEADY * speed.mean():
+        raise LogError(
+            f"The speed varies from {speed.min():.3g} to {speed.max():.3g} m/s, more than "
+            f"{UNSTEADY:.0%} of its mean. Choose a steadier stretch with --from and --to."
         )
 
 
@@ -133,7 +133,7 @@ def best_stretch(
     moving = in_band(steer - steer.mean(), Ts, band_around(crossover))
     power = _windowed(moving**2, samples)
     steady = _windowed(speed**2, samples) - _windowed(speed, samples) ** 2
-    allowed = steady < (_STEADY / 2 * _windowed(speed, samples)) ** 2
+    allowed = steady < (STEADY / 2 * _windowed(speed, samples)) ** 2
     start = int(np.argmax(np.where(allowed, power, -1.0) if allowed.any() else power))
     return slice(start, start + samples), True
 

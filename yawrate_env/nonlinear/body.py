@@ -35,12 +35,10 @@ class Body:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            positive = field.name in ("track", "roll_lag")
-            validation.number(
+            validation.like(
                 f"body {field.name}",
                 getattr(self, field.name),
-                above=0.0 if positive else -np.inf,
-                at_least=-np.inf if positive else 0.0,
+                field.default,
+                zero=field.name not in ("track", "roll_lag"),
                 at_most=1.0 if field.name == "front_share" else np.inf,
-                remedy="Give a physical value in SI units.",
             )

@@ -45,9 +45,10 @@ class Limits:
     rate: float = float(np.radians(60.0))
 
     def __post_init__(self) -> None:
-        validation.number("limits angle", self.angle, above=0.0, at_most=np.pi / 3,
+        validation.number("limits angle", self.angle, at_least=1e-3, at_most=np.pi / 3,
                           remedy="Give it in rad.")  # fmt: skip
-        validation.number("limits rate", self.rate, above=0.0, remedy="Give it in rad/s.")
+        validation.number("limits rate", self.rate, at_least=1e-3, at_most=1e3,
+                          remedy="Give it in rad/s.")  # fmt: skip
 
 
 @kernel

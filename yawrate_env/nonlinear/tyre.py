@@ -65,11 +65,11 @@ class Tyre:
 
     def __post_init__(self) -> None:
         for name, bounds in (
-            ("shape", {"above": 0.0, "at_most": 2.0}),
+            ("shape", {"at_least": 1e-3, "at_most": 2.0}),
             ("curvature", {"at_least": -100.0, "at_most": 1.0}),
-            ("friction", {"above": 0.0}),
+            ("friction", {"at_least": 1e-3, "at_most": 1e3}),
             ("friction_loss", {"at_least": 0.0, "at_most": self.friction}),
-            ("stiffest_load", {"above": 0.0}),
+            ("stiffest_load", {"at_least": 2e-3, "at_most": 2e3}),
         ):
             validation.number(
                 f"tyre {name}",
