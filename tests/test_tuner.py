@@ -237,6 +237,13 @@ def test_where_nothing_moves_nothing_is_found(name, case):
     assert not result.trusted and not result.converged
 
 
+def test_a_step_from_rest_is_not_nothing():
+    recording = recorded(2, Experiment(N=700))  # the register's first seven bits are the same
+    assert np.ptp(recording.u) == 0
+    actions, truth = GrayBox(Task()).act(recording), Judge.of(Task(), recording.context).oracle()
+    np.testing.assert_allclose(actions.T, [truth.kp, truth.Ti], rtol=0.1)
+
+
 def test_magnitudes_that_no_car_reaches_are_not_trusted():
     u, y, Ts = episode(0)
     for scale in (1e2, 1e6):  # both in other units: the ratio is right

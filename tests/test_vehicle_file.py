@@ -40,7 +40,7 @@ def test_experiment_and_target_have_defaults(tmp_path):
         ("J_z = 2400.0", "", r"car\.toml: vehicle\.J_z: missing"),
         ("J_z", "J_zz", r"line 6: vehicle\.J_zz: unknown key; there are M_0, J_z"),
         ("J_z = 2400.0", 'J_z = "heavy"', r"line 6: vehicle\.J_z: .*'heavy' is not a number"),
-        ("J_z = 2400.0", "J_z = -1", r"line 6: vehicle\.J_z: .* above 0"),
+        ("J_z = 2400.0", "J_z = -1", r"line 6: vehicle\.J_z: .* at least 2.4"),
         ("J_z = 2400.0", "J_z = nan", r"line 6: vehicle\.J_z: .* finite"),
         ("J_z = 2400.0", "J_z = true", r"line 6: vehicle\.J_z: .* not a number"),
         ("J_z = 2400.0", "J_z = {a = 1}", r"vehicle\.J_z: wanted a value"),

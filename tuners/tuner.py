@@ -17,6 +17,7 @@ from tuners.start import black_box
 from tuners.trust import Assessment, Calibration, assess, result
 from yawrate_env import validation
 from yawrate_env.design import Design, Status
+from yawrate_env.excitation import RANDOM_ORDER
 from yawrate_env.judge import Judge
 from yawrate_env.nonlinear import twin_from
 from yawrate_env.task import Prior, Task
@@ -200,8 +201,15 @@ class Tuner(ABC):
     def _moved(
         self, recording: Recording, design: Design, converged: NDArray[np.bool_]
     ) -> tuple[Design, NDArray[np.bool_]]:
-        """Nothing in place of what was made of recordings in which nothing moves."""
-        command, turn = (np.ptp(x, axis=1) for x in (recording.u, recording.y))
+        """Nothing in place of what was made of recordings in which nothing moves.
+
+        A constant command is a step from rest, if it is not held for longer than a register
+        may hold it.
+        """
+        held = RANDOM_ORDER * self.task.experiment.bit_time
+        step = recording.y.shape[1] * recording.Ts <= held * (1 + 1e-9)
+        command = np.abs(recording.u).max(axis=1) if step else np.ptp(recording.u, axis=1)
+        turn = np.ptp(recording.y, axis=1)
         still = (np.minimum(command, turn) <= STILL) & self.needs_motion
         kp, Ti = (np.where(still, np.nan, x) for x in (design.kp, design.Ti))
         status = np.where(still, int(Status.UNREACHABLE), design.status)
