@@ -193,9 +193,8 @@ def in_fresh_process(program: str, cache: str | None = None) -> str:
 
 def growth_in_fresh_process(sizes: Sequence[int]) -> dict[str, list[dict[str, float]]]:
     """`growth`, where nothing else has used memory."""
-    program = (
-        f"import json; from tuners import speed; print(json.dumps(speed.growth({list(sizes)})))"
-    )
+    measured = f"json.dumps(stages.growth({list(sizes)}))"
+    program = f"import json; from tuners.benchmark import stages; print({measured})"
     return dict(json.loads(in_fresh_process(program)))
 
 
