@@ -97,7 +97,7 @@ WRONG_EVALUATIONS = {
     "no JSON": ({"--env-kwargs": "snr=20"}, "not JSON"),
     "unknown keyword": ({"--env-kwargs": '{"snr": 20}'}, "unexpected keyword argument 'snr'"),
     "unphysical": ({"--env-kwargs": '{"Ts": -1}'}, "Ts = -1 must be finite, above 0"),
-    "no memory": ({"--env-kwargs": '{"N": 100000000000000}'}, "nable to allocate"),
+    "no memory": ({"--env-kwargs": '{"N": 100000000000000}'}, "N = 1e+14 must be finite"),
     "wrong sampling": (
         {"--tuner": "ts-ff", "--env-kwargs": '{"Ts": 0.003}'},
         "does not divide the ARMAX sampling time",

@@ -21,6 +21,7 @@ from yawrate_env.task import Task
 LONGEST_LAG = 0.5  # [s]
 CHECKS = {
     "speed": ("Speed outside the tuner's", "m/s"),
+    "implausible": ("Steering or yaw rate over what a car reaches", "1"),
     "noise": ("Residual over simulated yaw rate", "1"),
     "phase_margin_spread": ("Standard deviation of the phase margin", "°"),
     "crossover_spread": ("Standard deviation of the crossover", "Hz"),
