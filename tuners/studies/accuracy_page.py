@@ -61,9 +61,7 @@ ten the true margin lies inside, whatever the shape of the errors.
 
 Severities of the faults below were fixed before anything was measured (`tuners/studies/faults.py`).
 "Gains miss" means more than 3° or 0.15 Hz off with the true vehicle, or an unstable loop.
-A steering wheel that is turned and held is an odd experiment, not a fault: from rest it is a step
-response, which tells enough. Recordings with values that are not numbers are refused with an error
-and do not appear.
+Recordings with values that are not numbers are refused with an error and do not appear.
 
 {trust}"""
 
