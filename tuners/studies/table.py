@@ -92,7 +92,7 @@ def _line(r: Row, bound: Row | None) -> str:
         for name in ("phase_margin", "crossover")
         if bound is not None and bound[name]["std"] > 0
     ]
-    cells.append(" / ".join(f"{ratio:.3g}" for ratio in ratios))
+    cells.append(" / ".join("0" if ratio < 1e-6 else f"{ratio:.3g}" for ratio in ratios))
     return "| " + " | ".join(cells) + " |"
 
 
