@@ -182,6 +182,10 @@ def test_another_speed_is_noted(v_x, note):
     assert result.notes == (() if note is None else (note,))
 
 
+def test_the_gray_box_knows_every_speed():
+    assert GrayBox(Task()).tune(*episode(0), v_x=25.0).notes == ()
+
+
 def test_a_range_of_speeds_is_noted_as_one():
     tuner = Nominal(Task(prior=Prior(v_x=(10.0, 33.0))))
     assert tuner.tune(*episode(0), v_x=25.0).notes == ()

@@ -14,7 +14,7 @@ from tuners.plausible import STEADY, STILL
 from tuners.recording import Recording
 from tuners.result import TuningResult
 from tuners.start import black_box
-from tuners.trust import Assessment, Calibration, assess, result
+from tuners.trust import Assessment, Calibration, Limits, assess, result
 from yawrate_env import validation
 from yawrate_env.design import Design, Status
 from yawrate_env.excitation import RANDOM_ORDER
@@ -222,16 +222,14 @@ class Tuner(ABC):
         )
 
     def _differences(self, recording: Recording) -> tuple[str, ...]:
-        experiment, prior = self.task.experiment, self.task.prior
+        experiment, (low, high) = self.task.experiment, self.speed_range
         notes = []
         if not self.any_experiment and not np.isclose(recording.Ts, experiment.Ts):
             notes.append(f"Ts is {recording.Ts:g} s, made for {experiment.Ts:g} s.")
         if not self.any_experiment and recording.y.shape[1] != experiment.N:
             notes.append(f"{recording.y.shape[1]} samples, made for {experiment.N}.")
-        if recording.v_x is not None and not (
-            prior.v_x[0] - 0.25 <= recording.v_x[0] <= prior.v_x[1] + 0.25
-        ):
-            low, high = prior.v_x
+        slack = Limits().speed
+        if recording.v_x is not None and not low - slack <= recording.v_x[0] <= high + slack:
             made = f"{low:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
             notes.append(f"Speed is {recording.v_x[0]:.2f} m/s, made for {made}.")
         if recording.speed_variation > STEADY:
