@@ -19,12 +19,15 @@ import pytest
 from tuners.armax import Armax
 from tuners.data import DatasetError, generate, shards, verify, workers
 from tuners.data.manifest import Configuration, Manifest, Shard, shard_size
-from tuners.datasets import simulate_dataset
 from tuners.laguerre import Laguerre
+from tuners.plants.coordinates import loop
+from tuners.plants.data import examples
+from tuners.yaw_rate import yaw_rate
 from yawrate_env import files
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.design import Status
 from yawrate_env.episode import record
+from yawrate_env.judge import Judge
 from yawrate_env.task import Experiment, Prior, Target, Task
 
 TRAIN = CONTEXT_SETS["train"]
@@ -68,26 +71,21 @@ def partial(tmp_path, undisturbed):
 
 
 def assert_same_rows(found, expected):
-    for name in ("vehicle", "features", "usable"):
+    for name in expected.__slots__:
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
-    for part in ("context", "oracle"):
-        for name in getattr(expected, part).__slots__:
-            np.testing.assert_array_equal(
-                getattr(getattr(found, part), name), getattr(getattr(expected, part), name)
-            )
 
 
 @pytest.mark.parametrize("stage", [Laguerre(), Armax()])
 @pytest.mark.parametrize("shard_size", [37, 128, 1000])
 def test_rows_are_those_of_the_pipeline_whatever_the_shards(stage, shard_size, tmp_path):
     folder = made(tmp_path / "d", 200, task=Task(), stage=stage, shard_size=shard_size)
-    assert_same_rows(folder.read(), simulate_dataset(Task(), TRAIN, 200, 3, stage))
+    assert_same_rows(folder.read(), examples(yaw_rate(Task()), 200, 3, stage))
 
 
 def test_a_larger_data_set_begins_with_the_smaller_one(whole):
-    smaller = simulate_dataset(TASK, TRAIN, 20, 3, STAGE)
+    smaller = examples(yaw_rate(TASK), 20, 3, STAGE)
     np.testing.assert_array_equal(whole.read().features[:20], smaller.features)
-    assert 0 < (whole.read().oracle.status == Status.OK).sum() < EPISODES
+    assert 0 < np.isfinite(whole.read().gains[:, 0]).sum() < EPISODES
 
 
 @pytest.mark.slow
@@ -150,7 +148,7 @@ def test_recordings_are_kept_on_request(tmp_path):
         stored = np.concatenate([part[name] for part in parts])
         np.testing.assert_array_equal(stored, expected.astype(np.float32))
     assert "yaw_rate" not in next(folder.columns())
-    assert_same_rows(folder.read(), simulate_dataset(task, TRAIN, 40, 3, STAGE))
+    assert_same_rows(folder.read(), examples(yaw_rate(task), 40, 3, STAGE))
     assert verify(folder.path, sample=5)
 
 
@@ -171,10 +169,16 @@ def test_columns_have_plain_types_and_units(whole):
         "phase": ("double", b"rad"),
     }
     values = next(whole.columns())
-    rows = shards.dataset(values)
-    for kind, names in shards.TARGETS.items():
-        expected = rows.targets(TASK, kind)
-        np.testing.assert_array_equal(np.stack([values[n] for n in names], axis=1), expected)
+    draw = TRAIN.draw(TASK.prior, 3, 0, len(values["episode"]))
+    oracle = Judge.of(TASK, draw.context).oracle()
+    assert set(oracle.status) == {Status.OK, Status.PHASE_LIMITED}
+    for name in ("kp", "Ti", "status"):
+        np.testing.assert_array_equal(values[name], getattr(oracle, name))
+    gains = np.stack([oracle.kp, oracle.Ti], axis=1)
+    as_loop = np.stack([values[n] for n in shards.TARGETS["loop"]], axis=1)
+    np.testing.assert_array_equal(as_loop, loop(TASK.target).encode(gains))
+    usable = shards.examples(values).gains[values["usable"]]
+    np.testing.assert_array_equal(usable, gains[values["usable"]])
 
 
 def test_the_manifest_says_what_it_is(whole):
@@ -182,7 +186,7 @@ def test_the_manifest_says_what_it_is(whole):
     assert text["seeds"] == {"entropy": [TRAIN.tag, 3], "spawn_keys": [0, EPISODES]}
     words = np.random.SeedSequence((TRAIN.tag, 3), spawn_key=(7,)).generate_state(8, np.uint64)
     mu_s = 0.3 + 0.8 * (int(words[0]) >> 11) * 2.0**-53
-    assert whole.read().context.mu_s[7] == pytest.approx(mu_s, rel=1e-15)
+    assert whole.read().theta[7, 0] == pytest.approx(mu_s, rel=1e-15)
     assert [shard["rows"] for shard in text["shards"]] == [SHARD] * 6
     assert whole.recipe == Configuration(TASK, TRAIN, STAGE, 3, EPISODES, SHARD, False)
     assert len(whole) == EPISODES
@@ -192,7 +196,7 @@ def test_a_context_set_of_its_own_prior_is_remembered(tmp_path):
     beyond = CONTEXT_SETS["extrapolation"]
     folder = generate(TASK, beyond, STAGE, 20, 0, tmp_path / "data")
     assert folder.recipe.contexts == beyond
-    assert verify(folder.path, sample=3).read().context.M_delta.min() > 300
+    assert verify(folder.path, sample=3).read().theta[:, 1].min() > 300
 
 
 @pytest.mark.parametrize(

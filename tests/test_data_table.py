@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from test_data_generation import EPISODES, STAGE, TASK, TRAIN, made
+from test_data_generation import EPISODES, STAGE, TASK, made
 
 from tuners.data import load_gains
-from tuners.datasets import simulate_dataset
+from tuners.plants.data import examples
+from tuners.yaw_rate import yaw_rate
 
 
 @pytest.fixture(scope="module")
@@ -15,10 +16,11 @@ def folder(tmp_path_factory):
 
 @pytest.mark.parametrize("coordinates, names", [("gains", "kp Ti"), ("loop", "log_gain phase")])
 def test_the_table_is_the_usable_part_of_the_data_set(coordinates, names, folder):
-    loaded = simulate_dataset(TASK, TRAIN, EPISODES, 3, STAGE)
+    loaded = examples(yaw_rate(TASK), EPISODES, 3, STAGE)
     table = load_gains(folder, coordinates=coordinates)
     np.testing.assert_array_equal(table.data, loaded.features[loaded.usable])
-    np.testing.assert_array_equal(table.target, loaded.targets(TASK, coordinates)[loaded.usable])
+    targets = loaded.targets(yaw_rate(TASK, coordinates).coordinates)
+    np.testing.assert_array_equal(table.target, targets[loaded.usable])
     assert np.isfinite(table.data).all() and np.isfinite(table.target).all()
     assert table.feature_names == [f"laguerre_{i}" for i in range(1, 5)]
     assert table.target_names == names.split() and table.frame is None

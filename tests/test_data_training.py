@@ -12,10 +12,13 @@ from tuners import data
 from tuners.catalogue import RECIPES
 from tuners.data import DatasetError, generate, shards
 from tuners.data.training import Part
-from tuners.datasets import simulate_dataset, trains
 from tuners.feedforward import FeedForwardSettings
 from tuners.gbm import GBMSettings
 from tuners.laguerre import Laguerre
+from tuners.plants.coordinates import loop
+from tuners.plants.data import examples
+from tuners.stages import trains
+from tuners.yaw_rate import yaw_rate
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.task import Experiment, Target, Task
 
@@ -45,27 +48,30 @@ def folder(tmp_path_factory):
 
 @pytest.mark.parametrize("name", QUICK)
 def test_a_tuner_is_that_of_the_same_data_in_memory(name, folder):
-    loaded = simulate_dataset(TASK, TRAIN, 400, 0, STAGE)
+    loaded = examples(yaw_rate(TASK), 400, 0, STAGE)
     expected = tuners.train(name, TASK, episodes=400, dataset=loaded)
     calls = []
     found = data.train(name, folder.path, progress=lambda *call: calls.append(call))
     X = loaded.features
     # Sums in another order, and a dozen steps that amplify them.
-    np.testing.assert_allclose(found.learner(X), expected.learner(X), rtol=1e-6, atol=1e-6)
-    assert found.task == TASK and found.compressor == STAGE
+    np.testing.assert_allclose(
+        found.stages.learner(X), expected.stages.learner(X), rtol=1e-6, atol=1e-6
+    )
+    assert found.task == TASK and found.stages.compressor == STAGE
     assert found.training == expected.training | {"noise_draws": 1}
     assert {what for what, _, _ in calls} == {"verifying", f"training {name}"}
 
 
 def test_parts_are_the_usable_rows_of_the_split(folder):
-    loaded, chosen = simulate_dataset(TASK, TRAIN, 400, 0, STAGE), trains(400, 0)
+    loaded, chosen = examples(yaw_rate(TASK), 400, 0, STAGE), trains(400, 0)
     assert 0 < loaded.usable.sum() < 400
     rows = loaded.usable & chosen
-    part = Part(folder, chosen, "loop")
+    coordinates = loop(TASK.target)
+    part = Part(folder, chosen, coordinates)
     for _ in range(2):  # it can be iterated over again
         X, T = (np.concatenate(side) for side in zip(*part, strict=True))
         np.testing.assert_array_equal(X, loaded.features[rows])
-        np.testing.assert_array_equal(T, loaded.targets(TASK, "loop")[rows])
+        np.testing.assert_array_equal(T, loaded.targets(coordinates)[rows])
     assert max(len(X) for X, _ in part) <= 70
 
 

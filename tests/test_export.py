@@ -30,6 +30,7 @@ from tuners.export import (
 from tuners.export.onnx_tuner import onnx_model
 from tuners.feedforward import FeedForward, _Scaling
 from tuners.laguerre import Laguerre
+from tuners.stages import Stages
 from tuners.two_stage import TwoStage
 from yawrate_env.design import Status
 from yawrate_env.task import CONTROLLERS, Experiment, Target, Task
@@ -202,7 +203,7 @@ def test_a_tuner_as_a_graph_gives_pythons_gains(tmp_path, name, rtol):
 def test_the_graph_from_features_serves_any_command(tmp_path):
     tuner = tuners.load("ts-ff-lag")
     other = recorded(10, Experiment(register="random"))
-    features, _ = tuner.compressor(other.u, other.y, other.Ts)
+    features, _ = tuner.stages.compressor(other.u, other.y, other.Ts)
     (path,) = export(tuner, "onnx", tmp_path / "tuner.onnx", features=True)
     kp, Ti, _ = run(onnx.load(path), features=features)
     expected, _ = tuner.gains(other)
@@ -224,7 +225,7 @@ class Echo(FeedForward):
 @pytest.mark.parametrize("coordinates", ["loop", "gains"])
 def test_every_status_is_decoded_as_in_python(form, coordinates):
     task = Task(target=Target(controller=form))
-    tuner = TwoStage(task, Laguerre(order=2), Echo(2), coordinates, {})
+    tuner = TwoStage(task, Stages(Laguerre(order=2), Echo(2)), coordinates, {})
     values = np.array([[-1.0, -0.4], [-1.0, 0.0], [0.5, 0.3], [0.5, -1.6], [0.2, 0.3]])
     expected = decode(values, task.target, coordinates)
     kp, Ti, status = run(onnx_model(tuner, features=True), features=values)
@@ -269,11 +270,11 @@ def test_misuse_is_refused_before_anything_is_written(tmp_path):
         export((0.3, 0.2), "json", path, Ts=1001.0)
     with pytest.raises(ValueError, match="real = 'half'"):
         export((0.3, 0.2), "json", path, real="half")
-    tuner = TwoStage(Task(), Laguerre(order=2), Echo(3), "loop", {})
+    tuner = TwoStage(Task(), Stages(Laguerre(order=2), Echo(3)), "loop", {})
     with pytest.raises(ValueError, match="has 3 features, 2 of them"):
         export(tuner, "onnx", path)
     random = Task(experiment=Experiment(register="random"))
-    tuner = TwoStage(random, Laguerre(order=2), Echo(2), "loop", {})
+    tuner = TwoStage(random, Stages(Laguerre(order=2), Echo(2)), "loop", {})
     with pytest.raises(ValueError, match="features=True"):
         export(tuner, "onnx", path)
     assert not list(tmp_path.iterdir())

@@ -91,7 +91,7 @@ def test_an_examples_file_alone_gives_table_and_picture(name, tmp_path):
     )
     assert "two-stage" in done.stdout and "Cramér–Rao" in done.stdout
     part = json.loads((tmp_path / "results" / "plants.json").read_text())[name]
-    assert part["episodes"] == 20 and part["training"]["plants"] == 60
+    assert part["episodes"] == 20 and part["training"]["vehicles"] == 60
     assert (tmp_path / "results" / "plants.md").read_text().count("## ") == 1
     assert (tmp_path / "figures" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
 

@@ -8,10 +8,11 @@ import pytest
 from tuners.baselines import Nominal
 from tuners.catalogue import RECIPES
 from tuners.compressors import Laguerre
-from tuners.datasets import simulate_dataset
 from tuners.evaluation import evaluate
+from tuners.plants.data import examples
 from tuners.studies import budget, learning, learning_plot, million, nested
 from tuners.studies.rows import errors, row
+from tuners.yaw_rate import yaw_rate
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.task import Task
 
@@ -45,11 +46,9 @@ def test_nested_sets_are_what_separate_simulations_give():
     parts = nested.simulate(Task(), stage, wanted)
     assert [len(part) for part in parts] == [150, 20, 20]
     for vehicles, draws in wanted.items():
-        alone = simulate_dataset(
-            Task(), CONTEXT_SETS["train"], vehicles, 0, stage, noise_draws=draws
-        )
+        alone = examples(yaw_rate(Task()), vehicles, 0, stage, noise_draws=draws)
         found = nested.first(parts, vehicles, draws)
-        for name in ("vehicle", "features", "usable"):
+        for name in ("number", "features", "usable"):
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
 
 

@@ -9,12 +9,13 @@ import torch
 import tuners
 from tuners.armax import Armax
 from tuners.catalogue import RECIPES
-from tuners.datasets import simulate_dataset
 from tuners.feedforward import FeedForwardSettings
 from tuners.gbm import GBMSettings
-from tuners.two_stage import Recipe
+from tuners.plants.coordinates import loop
+from tuners.plants.data import examples
+from tuners.stages import Recipe
+from tuners.yaw_rate import yaw_rate
 from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.design import Status
 from yawrate_env.episode import record
 from yawrate_env.judge import Judge
 from yawrate_env.task import Experiment, Prior, Target, Task
@@ -39,7 +40,7 @@ def quick_recipes(monkeypatch):
 
 @pytest.fixture(scope="module")
 def data():
-    return simulate_dataset(Task(), TRAIN, 60, 0, Armax())
+    return examples(yaw_rate(Task()), 60, 0, Armax())
 
 
 def test_a_data_set_is_features_of_the_episodes_and_gains_of_the_rule(data):
@@ -50,37 +51,35 @@ def test_a_data_set_is_features_of_the_episodes_and_gains_of_the_rule(data):
     assert len(data) == 60
     np.testing.assert_array_equal(data.features, features)
     np.testing.assert_array_equal(data.usable, usable)
-    np.testing.assert_array_equal(data.context.mu_s, draw.context.mu_s)
-    np.testing.assert_array_equal(
-        data.targets(Task(), "gains"), np.transpose([oracle.kp, oracle.Ti])
-    )
-    assert data.targets(Task(), "loop").shape == (60, 2)
+    np.testing.assert_array_equal(data.theta[:, 0], draw.context.mu_s)
+    np.testing.assert_array_equal(data.gains, np.transpose([oracle.kp, oracle.Ti]))
+    assert data.targets(loop(Target())).shape == (60, 2)
 
 
 def test_chunks_and_sizes_do_not_matter(data):
-    more = simulate_dataset(Task(), TRAIN, 270, 0, Armax())  # 128 at a time
+    more = examples(yaw_rate(Task()), 270, 0, Armax())  # 128 at a time
     np.testing.assert_array_equal(more.features[:60], data.features)
-    again = simulate_dataset(Task(), TRAIN, 14, 0, Armax())
+    again = examples(yaw_rate(Task()), 14, 0, Armax())
     np.testing.assert_array_equal(more.features[:14], again.features)
     draw = TRAIN.draw(Prior(), 0, 256, 14)
-    np.testing.assert_array_equal(more.context.mu_s[256:], draw.context.mu_s)
+    np.testing.assert_array_equal(more.theta[256:, 0], draw.context.mu_s)
 
 
 def test_noise_draws_repeat_the_vehicles_with_fresh_noise(data):
-    twice = simulate_dataset(Task(), TRAIN, 60, 0, Armax(), noise_draws=2)
+    twice = examples(yaw_rate(Task()), 60, 0, Armax(), noise_draws=2)
     assert len(twice) == 120
     np.testing.assert_array_equal(twice.features[:60], data.features)
-    np.testing.assert_array_equal(twice.context.mu_s[60:], data.context.mu_s)
-    np.testing.assert_array_equal(twice.oracle.kp[60:], data.oracle.kp)
-    np.testing.assert_array_equal(twice.vehicle, np.tile(np.arange(60), 2))
+    np.testing.assert_array_equal(twice.theta[60:, 0], data.theta[:, 0])
+    np.testing.assert_array_equal(twice.gains[60:], data.gains)
+    np.testing.assert_array_equal(twice.number, np.tile(np.arange(60), 2))
     change = twice.features[60:] - data.features
     assert (change != 0).all() and (change.std(axis=0) < data.features.std(axis=0)).all()
 
 
 def test_vehicles_that_cannot_reach_the_target_are_not_usable(data):
     task = Task(target=Target(phase_margin=55.0, crossover=2.0))
-    found = simulate_dataset(task, TRAIN, 60, 0, Armax())
-    reachable = found.oracle.status == Status.OK
+    found = examples(yaw_rate(task), 60, 0, Armax())
+    reachable = np.isfinite(found.gains).all(axis=1)
     assert 0 < reachable.sum() < 60
     np.testing.assert_array_equal(found.usable, reachable & data.usable)
 
@@ -97,27 +96,27 @@ def test_progress_of_simulation_and_training():
 def test_every_recipe_trains_and_repeats(name, data, tmp_path):
     dataset = data if RECIPES[name].compressor == Armax() else None
     one, two = (tuners.train(name, Task(), episodes=60, dataset=dataset) for _ in range(2))
-    again = simulate_dataset(Task(), TRAIN, 60, 0, RECIPES[name].compressor)
-    prediction = one.learner(again.features)
-    np.testing.assert_array_equal(two.learner(again.features), prediction)
-    truth = again.targets(Task(), RECIPES[name].coordinates)
+    again = examples(yaw_rate(Task()), 60, 0, RECIPES[name].compressor)
+    prediction = one.stages.learner(again.features)
+    np.testing.assert_array_equal(two.stages.learner(again.features), prediction)
+    truth = again.targets(yaw_rate(Task(), RECIPES[name].coordinates).coordinates)
     assert (((prediction - truth) ** 2).mean(axis=0) < 0.5 * truth.var(axis=0)).all()
     assert one.training["name"] == name and one.training["seed"] == 0
-    assert one.compressor == RECIPES[name].compressor
+    assert one.stages.compressor == RECIPES[name].compressor
     one.save(tmp_path / "one.tuner")
     loaded = tuners.load(tmp_path / "one.tuner")
-    np.testing.assert_array_equal(loaded.learner(again.features), prediction)
+    np.testing.assert_array_equal(loaded.stages.learner(again.features), prediction)
 
 
 def test_data_simulated_before_or_during_training_are_the_same(data):
     with_data = tuners.train("ts-ff", Task(), episodes=60, dataset=data)
     without = tuners.train("ts-ff", Task(), episodes=60)
-    np.testing.assert_array_equal(with_data.learner.W1, without.learner.W1)
+    np.testing.assert_array_equal(with_data.stages.learner.W1, without.stages.learner.W1)
 
 
 def test_the_seed_decides_the_data_and_the_weights():
     one, other = (tuners.train("ts-ff", Task(), episodes=60, seed=seed) for seed in (0, 1))
-    assert not np.allclose(one.learner.inputs.middle, other.learner.inputs.middle)
+    assert not np.allclose(one.stages.learner.inputs.middle, other.stages.learner.inputs.middle)
 
 
 def test_four_fifths_of_the_vehicles_train(data, monkeypatch):
@@ -137,11 +136,11 @@ def test_four_fifths_of_the_vehicles_train(data, monkeypatch):
     assert len(np.unique(rows, axis=0)) == used  # nothing is in both parts
     order = [int(np.flatnonzero((data.features == row).all(axis=1))[0]) for row in rows]
     targets = np.concatenate([seen["T"], seen["T_val"]])
-    np.testing.assert_array_equal(targets, data.targets(Task(), "loop")[order])
+    np.testing.assert_array_equal(targets, data.targets(loop(Target()))[order])
 
 
 def test_no_vehicle_is_in_both_parts(monkeypatch):
-    both = simulate_dataset(Task(), TRAIN, 60, 0, Armax(), noise_draws=2)
+    both = examples(yaw_rate(Task()), 60, 0, Armax(), noise_draws=2)
     seen = {}
 
     class Spy:
@@ -170,7 +169,7 @@ def test_wrong_arguments_are_refused_before_any_work(name, arguments, message, m
     def forbidden(*_, **__):
         raise AssertionError("simulated")
 
-    monkeypatch.setattr("tuners.catalogue.simulate_dataset", forbidden)
+    monkeypatch.setattr("tuners.plants.training.examples", forbidden)
     with pytest.raises(ValueError, match=message):
         tuners.train(name, Task(), **arguments)
 

@@ -7,8 +7,8 @@ import tuners
 from tuners.feedforward import FeedForwardSettings
 from tuners.gbm import GBMSettings
 from tuners.response import FrequencyResponse
+from tuners.stages import Recipe
 from tuners.trend import Trend, TrendSettings, polynomial
-from tuners.two_stage import Recipe
 
 STUMPS = GBMSettings(n_estimators=5, max_depth=1, max_leaves=0, learning_rate=0.1)
 
@@ -60,6 +60,8 @@ def test_a_trend_is_saved_and_read_back(rest, tmp_path):
     tuner = tuners.train(recipe)
     tuner.save(tmp_path / "own.tuner")
     again = tuners.load(tmp_path / "own.tuner")
-    assert isinstance(again.learner, Trend) and again.compressor == FrequencyResponse()
+    assert (
+        isinstance(again.stages.learner, Trend) and again.stages.compressor == FrequencyResponse()
+    )
     X = np.random.default_rng(0).standard_normal((5, 12))
-    np.testing.assert_array_equal(again.learner(X), tuner.learner(X))
+    np.testing.assert_array_equal(again.stages.learner(X), tuner.stages.learner(X))

@@ -7,12 +7,12 @@ from recordings import recorded
 import tuners
 from tuners.calibration import assessed, calibrate
 from tuners.fallback import LEAST_DISTANCE, fallback, prior_grid
-from tuners.start import black_box
+from tuners.plants.black_box import black_box, functions_for
+from tuners.plants.identification import fit, noise_level
+from tuners.plants.trust import GAUSSIAN, conformal
 from tuners.studies import faults
-from tuners.trust import GAUSSIAN, Calibration, Limits, calibrated
-from tuners.tuner import nominal_context
-from tuners.twin import fit, moved, noise_level
-from yawrate_env.contexts import CONTEXT_SETS
+from tuners.trust import Calibration
+from tuners.yaw_rate import theta_of, yaw_rate
 from yawrate_env.judge import Judge
 from yawrate_env.task import Prior, Target, Task
 from yawrate_env.vehicle import Context
@@ -22,12 +22,12 @@ TASK = Task()
 
 
 def scaled_errors(task, recording, start):
-    model = black_box(recording, start)
-    twins = fit(task, nominal_context(task.prior), model, recording.y, recording.v_x)
-    true = recording.context
-    mass = (task.vehicle.M_0 + twins.context.M_delta) / (task.vehicle.M_0 + true.M_delta)
-    error = np.stack([np.log(twins.context.mu_s / true.mu_s), np.log(mass)], axis=1)
-    return np.einsum("bi,bij,bj->b", error, np.linalg.inv(twins.covariance), error)
+    plant, truth = yaw_rate(task), theta_of(recording.context)
+    model = black_box(plant, functions_for(plant), recording.u, recording.y, start)
+    found = fit(plant, model, recording.y, np.repeat(plant.middle, len(recording), axis=0))
+    np.testing.assert_array_equal(found.theta[:, 2], truth[:, 2])
+    error = (found.theta - truth)[:, :2] / plant.width
+    return np.einsum("bi,bij,bj->b", error, np.linalg.inv(found.covariance), error)
 
 
 @pytest.mark.parametrize("start", ["rest", "unknown"])
@@ -37,19 +37,12 @@ def test_the_fitted_vehicle_is_as_far_off_as_its_covariance_says(start):
     assert 1.4 < distance.mean() < 2.6
 
 
-def test_a_step_of_the_logarithms():
-    context = moved(TASK.vehicle, RECORDING.context, np.tile([0.1, -0.2], (8, 1)))
-    np.testing.assert_allclose(context.mu_s, RECORDING.context.mu_s * np.exp(0.1))
-    mass = TASK.vehicle.M_0 + RECORDING.context.M_delta
-    np.testing.assert_allclose(TASK.vehicle.M_0 + context.M_delta, mass * np.exp(-0.2))
-
-
 def test_noise_that_counts_is_noise_around_the_crossover():
     rng = np.random.default_rng(0)
     white = rng.standard_normal((20, 10_000))
-    np.testing.assert_allclose(noise_level(white, 0.001), (white**2).mean(axis=1))
+    np.testing.assert_allclose(noise_level(white, 0.001, 1.5), (white**2).mean(axis=1))
     held = np.repeat(white[:, :1000], 10, axis=1)  # as if interpolated: ten times the power there
-    assert 6 < (noise_level(held, 0.001) / (held**2).mean(axis=1)).mean() < 14
+    assert 6 < (noise_level(held, 0.001, 1.5) / (held**2).mean(axis=1)).mean() < 14
 
 
 @pytest.mark.parametrize("name", ["ts-ff-lag", "ts-ff", "ts-gbm", "gb"])
@@ -58,8 +51,8 @@ def test_what_is_predicted_is_what_happens(name):
     design, found = tuner.assess(RECORDING)
     actual = Judge.of(TASK, RECORDING.context)(design.kp, design.Ti).margins
     true = np.stack([actual.phase_margin, actual.crossover], axis=1)
-    assert (np.abs(found.margins - true) < 4 * found.spread).all()
-    assert found.trusted(Limits()).all()
+    assert (np.abs(found.figures - true) < 4 * found.spread).all()
+    assert found.trusted.all()
 
 
 def test_one_answer_is_put_in_words():
@@ -87,19 +80,18 @@ def test_conformal_factors_hold_for_any_error():
     rng = np.random.default_rng(1)
     spread = rng.uniform(1, 3, (4000, 2))
     actual = spread * rng.standard_t(3, (4000, 2))
-    found = calibrated(np.zeros((2000, 2)), spread[:2000], actual[:2000], seed=5)
-    inside = np.abs(actual[2000:]) <= spread[2000:] * [found.phase_margin, found.crossover]
+    factors = conformal(np.zeros((2000, 2)), spread[:2000], actual[:2000])
+    inside = np.abs(actual[2000:]) <= spread[2000:] * factors
     # Standard error of the share: 0.7 % from each half.
     np.testing.assert_allclose(inside.mean(axis=0), 0.9, atol=0.03)
-    assert found.episodes == 2000 and found.seed == 5
 
 
 def test_calibration_of_the_gray_box_is_nearly_that_of_a_normal_error():
     tuner = tuners.load("gb")
     assert tuner.calibration == Calibration()
     calibrate(tuner, episodes=300)
-    factors = [tuner.calibration.phase_margin, tuner.calibration.crossover]
-    np.testing.assert_allclose(factors, GAUSSIAN, rtol=0.15)
+    np.testing.assert_allclose(tuner.calibration.factors, GAUSSIAN, rtol=0.15)
+    assert (tuner.calibration.episodes, tuner.calibration.seed) == (300, 0)
 
 
 def test_a_calibration_survives_saving(tmp_path):
@@ -113,7 +105,7 @@ def test_a_calibration_survives_saving(tmp_path):
 def test_gains_that_miss_are_not_trusted(kind):
     made = faults.KINDS[kind](TASK, np.random.default_rng(0), 8)
     design, found = tuners.load("ts-ff-lag").assess(made.recording)
-    trusted = found.trusted(Limits())
+    trusted = found.trusted
     for i, vehicle in enumerate(made.vehicle * (8 // len(made.vehicle))):
         one = Context(*(getattr(made.context, n)[i : i + 1] for n in Context.__slots__))
         verdict = Judge.of(Task(vehicle), one)(design.kp[i : i + 1], design.Ti[i : i + 1])
@@ -140,9 +132,9 @@ def test_the_fallback_is_stable_for_the_whole_prior(task):
 
 def test_assessments_come_in_parts_that_do_not_matter():
     tuner = tuners.load("ts-ff-lag")
-    parts = list(assessed(tuner, CONTEXT_SETS["test"], 130, 0))
-    assert [done for *_, done in parts] == [100, 130]
-    margins = np.concatenate([actual for _, actual, _ in parts])
+    parts = list(assessed(tuner, "test", 130, 0))
+    assert [len(block) for block, _, _ in parts] == [128, 2]
+    margins = np.concatenate([actual for _, _, actual in parts])
     assert margins.shape == (130, 2) and np.abs(margins - [60, 1.5]).max() < 0.06
 
 

@@ -59,7 +59,7 @@ def test_loading_never_trains(monkeypatch):
 
     for place in (FeedForwardSettings, GBMSettings):
         monkeypatch.setattr(place, "fit", forbidden)
-    monkeypatch.setattr("tuners.catalogue.simulate_dataset", forbidden)
+    monkeypatch.setattr("tuners.plants.training.examples", forbidden)
     for name in tuners.NAMES:
         assert tuners.load(name).gains(RECORDING)[0].kp.shape == (8,)
 

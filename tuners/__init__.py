@@ -9,8 +9,9 @@ from tuners.catalogue import NAMES, RECIPES, load, train
 from tuners.model_file import ModelFileError
 from tuners.recording import Recording
 from tuners.result import TuningResult
+from tuners.stages import Recipe
 from tuners.tuner import Tuner
-from tuners.two_stage import Recipe, TwoStage
+from tuners.two_stage import TwoStage
 
 __all__ = [
     "NAMES",

@@ -1,24 +1,24 @@
-"""Split conformal calibration of a tuner's intervals, on episodes that nothing learned from."""
+"""Split conformal calibration of a vehicle tuner's intervals."""
 
 from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.plants import training
+from tuners.plants.data import Episodes
+from tuners.plants.trust import Assessment
 from tuners.recording import Recording
-from tuners.trust import Assessment, calibrated
+from tuners.trust import Calibration
 from tuners.tuner import Tuner
+from tuners.yaw_rate import context_of, yaw_rate
 from yawrate_env import validation
-from yawrate_env.contexts import CONTEXT_SETS, ContextSet
-from yawrate_env.episode import record
-from yawrate_env.judge import Judge
 from yawrate_env.task import Task
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 EPISODES = 5000
-_CHUNK = 100
 
 
 def calibrate(
@@ -26,19 +26,17 @@ def calibrate(
 ) -> None:
     """Set the tuner's `calibration` from `episodes` of the ``calibration`` set."""
     validation.count("episodes", episodes, at_least=100, remedy="Simulate more.")
-    parts = []
-    for found, actual, done in assessed(tuner, CONTEXT_SETS["calibration"], episodes, seed):
-        parts.append(np.stack([found.margins, found.spread, actual]))
-        if progress is not None:
-            progress(done, episodes)
-    predicted, spread, actual = np.concatenate(parts, axis=1)
-    tuner.calibration = calibrated(predicted, spread, actual, seed)
+    factors = training.calibrated(
+        assessed(tuner, "calibration", episodes, seed),
+        None if progress is None else lambda done: progress(done, episodes),
+    )
+    tuner.calibration = Calibration(float(factors[0]), float(factors[1]), episodes, seed)
 
 
 def assessed(
-    tuner: Tuner, contexts: ContextSet, episodes: int, seed: int, task: Task | None = None
-) -> Iterator[tuple[Assessment, Array, int]]:
-    """Tune and assess episodes as `Tuner.tune` does, in bounded memory.
+    tuner: Tuner, name: str, episodes: int, seed: int, task: Task | None = None
+) -> Iterator[tuple[Episodes, Assessment, Array]]:
+    """Tune and assess episodes of a set as `Tuner.tune` does, in bounded memory.
 
     Parameters
     ----------
@@ -47,18 +45,16 @@ def assessed(
 
     Yields
     ------
-    found : Assessment
-    actual : (B, 2) float64
+    Episodes
+    Assessment
+    (B, 2) float64
         Phase margin [deg] and crossover [Hz] with the true vehicles; ``nan`` if unstable.
-    done : int
-        Episodes so far.
     """
-    task = task or tuner.task
-    for first in range(0, episodes, _CHUNK):
-        draw = contexts.draw(task.prior, seed, first, min(_CHUNK, episodes - first))
-        u, y = record(task, draw)
-        recording = Recording(u, np.asarray(y), task.experiment.Ts, draw.context.v_x, draw.context)
-        design, found = tuner.assess(recording)
-        verdict = Judge.of(task, draw.context)(design.kp, design.Ti)
-        margins = np.stack([verdict.margins.phase_margin, verdict.margins.crossover], axis=1)
-        yield found, np.where(verdict.stable[:, None], margins, np.nan), first + len(draw)
+
+    def answer(block: Episodes) -> tuple[Array, Assessment]:
+        truth = context_of(block.theta)
+        design, found = tuner.assess(Recording(block.u, block.y, plant.Ts, truth.v_x, truth))
+        return np.stack([design.kp, design.Ti], axis=1), found
+
+    plant = yaw_rate(task or tuner.task)
+    yield from training.assessed(plant, name, episodes, seed, answer)

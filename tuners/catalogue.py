@@ -5,24 +5,24 @@ from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
-import numpy as np
-
 from tuners import model_file
 from tuners.armax import Armax
 from tuners.baselines import Nominal, Oracle
-from tuners.datasets import Dataset, simulate_dataset, trains
 from tuners.feedforward import FeedForwardSettings
 from tuners.gbm import GBMSettings
 from tuners.gray_box import GrayBox
 from tuners.laguerre import Laguerre
+from tuners.plants.data import Examples
+from tuners.plants.training import fit
 from tuners.response import FrequencyResponse
 from tuners.rl import RLTuner
+from tuners.stages import Recipe
 from tuners.trend import TrendSettings
 from tuners.trust import Calibration
 from tuners.tuner import Tuner
-from tuners.two_stage import Recipe, TwoStage
+from tuners.two_stage import TwoStage
+from tuners.yaw_rate import yaw_rate
 from yawrate_env import validation
-from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.task import Prior, Task
 
 RECIPES = {
@@ -60,7 +60,6 @@ UNTRAINED: dict[str, type[Tuner]] = {"gb": GrayBox, "oracle": Oracle, "nominal":
 NAMES = (*RECIPES, *UNTRAINED, "rl")
 
 TRAINING_SEED = 0
-LEAST_USABLE = 20
 
 Progress = Callable[[str, int, int], None]
 
@@ -72,7 +71,7 @@ def train(
     episodes: int | None = None,
     seed: int = TRAINING_SEED,
     progress: Progress | None = None,
-    dataset: Dataset | None = None,
+    dataset: Examples | None = None,
 ) -> TwoStage:
     """Train a two-stage tuner on simulated episodes of the ``train`` set.
 
@@ -88,49 +87,21 @@ def train(
         Of the data and of the learner.
     progress : callable, optional
         Called with what is being done, how far it is, and how far it goes.
-    dataset : Dataset, optional
+    dataset : Examples, optional
         Data already simulated with this compressor, instead of new.
     """
     name, recipe = named(tuner)
     task = Task(prior=Prior(v_x=recipe.v_x)) if task is None else _checked(task)
-    episodes = recipe.vehicles if episodes is None else episodes
-    episodes = validation.count("episodes", episodes, at_least=50, remedy="Simulate more.")
-    validation.count("seed", seed, at_least=0)
-
-    def report(what: str) -> Callable[[int, int], None] | None:
-        return None if progress is None else lambda done, of: progress(what, done, of)
-
-    if dataset is None:
-        dataset = simulate_dataset(
-            task,
-            CONTEXT_SETS["train"],
-            episodes,
-            seed,
-            recipe.compressor,
-            noise_draws=recipe.noise_draws,
-            progress=report("simulating"),
-        )
-    rows = np.flatnonzero(dataset.usable)
-    if len(rows) < LEAST_USABLE:
-        raise ValueError(
-            f"{len(rows)} of {len(dataset)} episodes are usable, at least {LEAST_USABLE} are "
-            "needed. Choose a target that a PI can reach, or simulate more."
-        )
-    part = trains(dataset.vehicle.max() + 1, seed)
-    fitted, checked = (rows[p[dataset.vehicle[rows]]] for p in (part, ~part))
-    X, T = dataset.features, dataset.targets(task, recipe.coordinates)
-    learner = recipe.learner.fit(
-        X[fitted], T[fitted], X[checked], T[checked], seed, report(f"training {name}")
+    stages, training = fit(
+        yaw_rate(task, recipe.coordinates),
+        recipe,
+        count=episodes,
+        seed=seed,
+        name=name,
+        data=dataset,
+        progress=progress,
     )
-    training = {
-        "name": name,
-        "vehicles": len(part),
-        "noise_draws": recipe.noise_draws,
-        "used": len(rows),
-        "seed": seed,
-        "context": "train",
-    }
-    return TwoStage(task, recipe.compressor, learner, recipe.coordinates, training)
+    return TwoStage(task, stages, recipe.coordinates, training)
 
 
 def named(tuner: str | Recipe) -> tuple[str, Recipe]:

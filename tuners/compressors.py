@@ -10,7 +10,6 @@ from tuners.armax import Armax
 from tuners.laguerre import Laguerre
 from tuners.response import FrequencyResponse
 from yawrate_env import validation
-from yawrate_env.task import Prior
 
 Array = NDArray[np.float64]
 
@@ -43,9 +42,3 @@ def described(stage: FirstStage) -> dict[str, Any]:
     """Name and settings: what `compressor` takes, as plain JSON values."""
     names = {kind: name for name, kind in COMPRESSORS.items()}
     return {"name": names[type(stage)], **asdict(stage)}
-
-
-def conditioned(features: Array, prior: Prior, v_x: Array) -> Array:
-    """Features (B, n), and the logarithm of the speed [m/s] where the prior leaves it open."""
-    low, high = prior.v_x
-    return features if low == high else np.column_stack([features, np.log(v_x)])

@@ -59,7 +59,13 @@ class Identified:
     steps: NDArray[np.int64]
 
 
-def identify(vehicle: Vehicle, recording: Recording, start: Context, v_x: Array) -> Identified:
+def identify(
+    vehicle: Vehicle,
+    recording: Recording,
+    start: Context,
+    v_x: Array,
+    unknown: tuple[bool, bool] = (True, True),
+) -> Identified:
     """Find friction and mass of every episode.
 
     Parameters
@@ -68,7 +74,10 @@ def identify(vehicle: Vehicle, recording: Recording, start: Context, v_x: Array)
         One vehicle, where the search starts.
     v_x : (B,) float64
         Speeds [m/s].
+    unknown : tuple of bool
+        Whether friction and mass are; what is known stays as it starts.
     """
+    fixed = ~np.array(unknown)
     count = len(recording)
     theta = np.tile([np.log(start.mu_s[0]), np.log(total_mass(vehicle, start)[0])], (count, 1))
     best = np.full(count, np.inf)
@@ -87,6 +96,8 @@ def identify(vehicle: Vehicle, recording: Recording, start: Context, v_x: Array)
         gained = np.where(better, best[active] - gram[:, 0, 0], 0.0)
         theta[to], best[to] = trial[frm], gram[frm, 0, 0]
         slope[to], normal[to] = gram[frm, 0, 1:], gram[frm, 1:, 1:]
+        slope[:, fixed] = normal[:, fixed] = normal[:, :, fixed] = 0.0
+        normal[:, fixed, fixed] = 1.0
         damping[active] = np.where(better, damping[active] * 0.1, damping[active] * 100)
         lifted = normal[active] * (1 + damping[active, None, None] * np.eye(2))
         step[active] = _solve_2x2(lifted, slope[active])

@@ -2,7 +2,7 @@
 
 import os
 from abc import ABC, abstractmethod
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from tuners import model_file
 from tuners.fallback import fallback
+from tuners.plants.black_box import black_box, functions_for
+from tuners.plants.trust import Assessment, assess
 from tuners.plausible import STEADY, STILL
 from tuners.recording import Recording
 from tuners.result import TuningResult
-from tuners.start import black_box
-from tuners.trust import Assessment, Calibration, Limits, assess, result
+from tuners.trust import Calibration, of_vehicles, result
+from tuners.yaw_rate import SPEED_SLACK, yaw_rate
 from yawrate_env import validation
 from yawrate_env.design import Design, Status
 from yawrate_env.excitation import RANDOM_ORDER
@@ -99,17 +101,26 @@ class Tuner(ABC):
             The episode cannot be used; the message says why and what to do.
         """
         given = Recording.of(u, y, Ts, v_x)
-        design, found = self.assess(given, start)
+        design, converged, found = self._assessed(given, start)
         notes = self._differences(given)
         if design.status[0] == Status.UNREACHABLE:
             notes += ("No gains found: these are the nominal vehicle's.",)
-        if not found.converged[0]:
+        if not converged[0]:
             notes += ("The fit did not converge: check the recording.",)
-        notes += _quantised(given.y[0], found.twins.residual[0])
-        return result(found, design, notes, self.calibration, fallback(self.task))
+        notes += _quantised(given.y[0], found.fit.residual[0])
+        return result(
+            found, design, bool(converged[0]), notes, self.calibration, fallback(self.task)
+        )
 
     def assess(self, recording: Recording, start: str = "auto") -> tuple[Design, Assessment]:
         """Gains for every episode as `tune` gives them, and what the recordings say of them."""
+        design, _, found = self._assessed(recording, start)
+        return design, found
+
+    def _assessed(
+        self, recording: Recording, start: str
+    ) -> tuple[Design, NDArray[np.bool_], Assessment]:
+        """Gains, where the tuner's own numerics converged, and what the recordings say."""
         slowest = _SLOWEST / self.task.target.crossover
         remedy = "Slower samples do not show what happens at the crossover: record faster."
         validation.number("Ts", recording.Ts, at_most=slowest, remedy=remedy)
@@ -118,14 +129,17 @@ class Tuner(ABC):
         validation.number("number of samples at the tuner's Ts", samples, at_most=_LONGEST,
                           remedy=remedy)  # fmt: skip
         recording = recording.resampled(self.task.experiment.Ts)
-        speeds = self.speeds(recording)
-        model = black_box(recording, start)
-        design, converged = self._moved(recording, *self.gains(model.recording))
-        design = Design(*self._usable(design), design.status)
-        nominal = nominal_context(self.task.prior)
-        return design, assess(
-            self.task, nominal, recording, model, design, converged, speeds, self.speed_range
+        plant, speeds = yaw_rate(self.task), self.speeds(recording)
+        model = black_box(
+            plant, functions_for(plant), recording.u, recording.y, start, recording.oversampled
         )
+        design, converged = self._moved(recording, *self.gains(replace(recording, y=model.y)))
+        design = Design(*self._usable(design), design.status)
+        begin = np.tile(plant.middle, (len(recording), 1))
+        begin[:, -1] = speeds
+        gains, solved = np.stack([design.kp, design.Ti], axis=1), design.status == Status.OK
+        found = assess(plant, model, recording.y, gains, begin, converged & solved)
+        return design, converged, of_vehicles(found, recording, speeds, self.speed_range)
 
     def predict(
         self,
@@ -228,7 +242,7 @@ class Tuner(ABC):
             notes.append(f"Ts is {recording.Ts:g} s, made for {experiment.Ts:g} s.")
         if not self.any_experiment and recording.y.shape[1] != experiment.N:
             notes.append(f"{recording.y.shape[1]} samples, made for {experiment.N}.")
-        slack = Limits().speed
+        slack = SPEED_SLACK
         if recording.v_x is not None and not low - slack <= recording.v_x[0] <= high + slack:
             made = f"{low:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
             notes.append(f"Speed is {recording.v_x[0]:.2f} m/s, made for {made}.")

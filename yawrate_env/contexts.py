@@ -37,9 +37,13 @@ class ContextSet:
         words = stream((self.tag, seed), first, count)
         if repeat:
             words[:, -KEY_WORDS:] = stream((self.tag, seed, repeat), first, count)[:, -KEY_WORDS:]
+        return Draw.of(words, self.prior(prior))
+
+    def prior(self, of_task: Prior) -> Prior:
+        """What the set's vehicles are drawn from: the task's prior, or beyond it."""
         if self.beyond is None:
-            return Draw.of(words, prior)
-        return Draw.of(words, Prior(self.beyond.mu_s, self.beyond.M_delta, prior.v_x))
+            return of_task
+        return Prior(self.beyond.mu_s, self.beyond.M_delta, of_task.v_x)
 
 
 CONTEXT_SETS = {

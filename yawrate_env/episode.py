@@ -99,17 +99,36 @@ def record(
     y : (B, N)
         Yaw rate with white noise at the experiment's SNR [rad/s]; `out` if given.
     """
+    u = excitation(task.experiment, draw.start)
+    return u, respond(task, draw.context, u, draw.key, out)
+
+
+def respond(
+    task: Task,
+    context: Context,
+    u: NDArray[np.float64],
+    key: NDArray[np.uint64],
+    out: NDArray[np.floating] | None = None,
+) -> NDArray[np.floating]:
+    """Measured yaw rates (B, N) [rad/s] of vehicles steered by (1 or B, N) [rad].
+
+    Parameters
+    ----------
+    key : (B, 4) uint64
+        The noise streams.
+    out : (B, N) float32 or float64, optional
+        Where the yaw rates go; may be a strided view.
+    """
     experiment = task.experiment
-    u = excitation(experiment, draw.start)
-    simulate = task.twin.simulator(task.vehicle, draw.context, u, experiment.Ts)
-    y = np.empty((len(draw), experiment.N)) if out is None else out
+    simulate = task.twin.simulator(task.vehicle, context, u, experiment.Ts)
+    y = np.empty((len(context), experiment.N)) if out is None else out
     noise_over_signal = 10 ** (-experiment.snr_db / 20)
 
     def work(i: int, j: int) -> None:
         clean = np.empty((j - i, experiment.N))
         squares = simulate(clean, i, j)
         sigma = noise_over_signal * np.sqrt(squares / experiment.N)
-        add_white_noise(clean, sigma, draw.key[i:j], y[i:j])
+        add_white_noise(clean, sigma, key[i:j], y[i:j])
 
-    over_blocks(work, len(draw), LANES)
-    return u, y
+    over_blocks(work, len(context), LANES)
+    return y

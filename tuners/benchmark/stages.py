@@ -17,11 +17,12 @@ from tuners import catalogue
 from tuners.armax import armax
 from tuners.benchmark import rivals, throughput
 from tuners.benchmark.stopwatch import Contender, Times, race
-from tuners.datasets import simulate_dataset
 from tuners.identification import identify
 from tuners.laguerre import Laguerre
+from tuners.plants.data import examples
 from tuners.recording import Recording
 from tuners.tuner import nominal_context
+from tuners.yaw_rate import yaw_rate
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES
 from yawrate_env.contexts import CONTEXT_SETS
@@ -214,7 +215,7 @@ _FIRST_CALLS = {
 
 def _dataset(count: int, experiment: Experiment) -> dict[str, float]:
     start, task = time.perf_counter(), Task(experiment=experiment)
-    simulate_dataset(task, CONTEXT_SETS["train"], count, 0, BASIS)
+    examples(yaw_rate(task), count, 0, BASIS)
     seconds = time.perf_counter() - start
     return {"count": count, "seconds": seconds, "megabytes": _peak_megabytes()}
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from tuners.data import shards
 from tuners.data.manifest import DatasetError, Manifest, Shard
-from tuners.datasets import Dataset
+from tuners.plants.data import Examples
 from yawrate_env import validation
 from yawrate_env.batch import concatenate
 
@@ -55,9 +55,9 @@ class Folder:
         for shard in self.manifest.shards:
             yield from shards.read(self.path / shard.file, names)
 
-    def batches(self) -> Iterator[Dataset]:
+    def batches(self) -> Iterator[Examples]:
         """Features, targets and contexts, in order and in bounded memory."""
-        yield from (shards.dataset(values) for values in self.columns())
+        yield from (shards.examples(values) for values in self.columns())
 
     def row(self, episode: int, names: Sequence[str]) -> shards.Columns:
         """One episode, every column with a first axis of 1."""
@@ -70,7 +70,7 @@ class Folder:
             f"{self.path / shard.file} lacks episode {episode}. Verify the data set."
         )
 
-    def read(self) -> Dataset:
+    def read(self) -> Examples:
         """The whole data set, recordings left out."""
         return concatenate(list(self.batches()))
 

@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from tuners.compressors import FirstStage, compressor, described
+from tuners.plants.plant import Plant
 from tuners.tuner import task_from
+from tuners.yaw_rate import yaw_rate
 from yawrate_env import __version__, validation
 from yawrate_env.contexts import ContextSet
 from yawrate_env.files import write_text
@@ -75,6 +77,10 @@ class Configuration:
         for name, least in (("seed", 0), ("episodes", 1), ("shard_size", 1)):
             value = validation.count(name, getattr(self, name), at_least=least)
             object.__setattr__(self, name, value)
+
+    def plant(self) -> Plant:
+        """What the episodes are of."""
+        return yaw_rate(replace(self.task, prior=self.contexts.prior(self.task.prior)))
 
     def shards(self) -> Iterator[Shard]:
         """All of them, in order."""

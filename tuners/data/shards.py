@@ -24,9 +24,12 @@ from numpy.typing import NDArray
 
 from tuners.compressors import COMPRESSORS, described
 from tuners.data.manifest import Configuration, DatasetError, Shard, differences
-from tuners.datasets import Dataset, simulated
+from tuners.plants.coordinates import loop
+from tuners.plants.data import Examples, compressed
+from tuners.yaw_rate import context_of
 from yawrate_env.batch import concatenate
-from yawrate_env.design import Design
+from yawrate_env.design import Status
+from yawrate_env.judge import Judge
 from yawrate_env.vehicle import Context
 
 Columns = dict[str, NDArray[Any]]
@@ -58,19 +61,24 @@ def made(configuration: dict[str, Any], shard: Shard) -> bytes:
 
 def columns(recipe: Configuration, shard: Shard) -> Columns:
     """Simulate a shard's episodes."""
-    parts: list[Dataset] = []
+    parts: list[Examples] = []
     N = recipe.task.experiment.N
     raw = {name: np.empty((shard.rows if recipe.raw else 0, N), np.float32) for name in SIGNALS}
     done = 0
-    for rows, u, y in simulated(
-        recipe.task, recipe.contexts, recipe.seed, shard.first, shard.rows, recipe.compressor
+    for rows, block in compressed(
+        recipe.plant(),
+        recipe.contexts.name,
+        recipe.seed,
+        shard.first,
+        shard.rows,
+        recipe.compressor,
     ):
         parts.append(rows)
         if recipe.raw:
-            raw["steer"][done : done + len(rows)] = u
-            raw["yaw_rate"][done : done + len(rows)] = y
+            raw["steer"][done : done + len(rows)] = block.u
+            raw["yaw_rate"][done : done + len(rows)] = block.y
         done += len(rows)
-    return _of_dataset(concatenate(parts), recipe) | (raw if recipe.raw else {})
+    return _of_examples(concatenate(parts), recipe) | (raw if recipe.raw else {})
 
 
 def written(values: Columns) -> bytes:
@@ -115,39 +123,47 @@ def feature_names(names: Iterable[str]) -> list[str]:
     return [name for name in names if name.startswith(stages)]
 
 
-def dataset(values: Columns) -> Dataset:
+def examples(values: Columns) -> Examples:
     """Columns back to the record that training takes."""
-    features = [values[name] for name in feature_names(values)]
-    return Dataset(
-        values["episode"],
-        Context(values["mu_s"], values["M_delta"], values["v_x"]),
-        np.stack(features, axis=1),
-        values["usable"],
-        Design(values["kp"], values["Ti"], values["status"].astype(np.int64)),
+    theta, features, gains = (
+        np.stack([values[name] for name in names], axis=1)
+        for names in (Context.__slots__, feature_names(values), TARGETS["gains"])
     )
+    gains[values["status"] != Status.OK] = np.nan
+    return Examples(values["episode"], theta, features, values["usable"], gains)
 
 
 def _rows(names: Iterable[str]) -> int:
     return ROWS if set(SIGNALS).isdisjoint(names) else RAW_ROWS
 
 
-def _of_dataset(rows: Dataset, recipe: Configuration) -> Columns:
+def _of_examples(rows: Examples, recipe: Configuration) -> Columns:
     stage = described(recipe.compressor)["name"]
     features = {f"{stage}_{i}": column for i, column in enumerate(rows.features.T, start=1)}
-    log_gain, phase = rows.targets(recipe.task, "loop").T
+    gains, status = _designed(rows, recipe)
+    log_gain, phase = loop(recipe.task.target).encode(gains).T
     return {
-        "episode": rows.vehicle,
-        "mu_s": rows.context.mu_s,
-        "M_delta": rows.context.M_delta,
-        "v_x": rows.context.v_x,
+        "episode": rows.number,
+        **dict(zip(Context.__slots__, rows.theta.T, strict=True)),
         **features,
         "usable": rows.usable,
-        "status": rows.oracle.status.astype(np.int8),
-        "kp": rows.oracle.kp,
-        "Ti": rows.oracle.Ti,
+        "status": status,
+        "kp": gains[:, 0],
+        "Ti": gains[:, 1],
         "log_gain": log_gain,
         "phase": phase,
     }
+
+
+def _designed(rows: Examples, recipe: Configuration) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The design rule's gains, those that miss the target too, and how far it came."""
+    gains, status = rows.gains.copy(), np.zeros(len(rows), np.int8)
+    missed = np.isnan(gains).any(axis=1)
+    if missed.any():
+        found = Judge.of(recipe.task, context_of(rows.theta[missed])).oracle()
+        gains[missed] = np.stack([found.kp, found.Ti], axis=1)
+        status[missed] = found.status
+    return gains, status
 
 
 def _array(column: Any) -> NDArray[Any]:

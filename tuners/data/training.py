@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.catalogue import LEAST_USABLE, RECIPES, TRAINING_SEED
+from tuners.catalogue import RECIPES, TRAINING_SEED
 from tuners.data.folder import Folder, verify
 from tuners.data.manifest import DatasetError
-from tuners.datasets import trains
+from tuners.plants.coordinates import Coordinates
+from tuners.stages import LEAST_USABLE, Stages, trains
 from tuners.two_stage import TwoStage
+from tuners.yaw_rate import yaw_rate
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
@@ -50,7 +52,8 @@ def train(
         )
     verify(dataset, progress=progress)
     part = trains(len(folder), seed)
-    training, checking = (Part(folder, p, recipe.coordinates) for p in (part, ~part))
+    plant = yaw_rate(folder.recipe.task, recipe.coordinates)
+    training, checking = (Part(folder, p, plant.coordinates) for p in (part, ~part))
     used = [sum(len(X) for X, _ in batches) for batches in (training, checking)]
     if min(used) == 0 or sum(used) < LEAST_USABLE:
         raise DatasetError(
@@ -72,7 +75,8 @@ def train(
         "seed": seed,
         "context": folder.recipe.contexts.name,
     }
-    return TwoStage(folder.recipe.task, recipe.compressor, learner, recipe.coordinates, record)
+    stages = Stages(recipe.compressor, learner)
+    return TwoStage(folder.recipe.task, stages, recipe.coordinates, record)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,11 +85,10 @@ class Part:
 
     folder: Folder
     chosen: NDArray[np.bool_]
-    coordinates: str
+    coordinates: Coordinates
 
     def __iter__(self) -> Iterator[tuple[Array, Array]]:
         for rows in self.folder.batches():
-            wanted = rows.usable & self.chosen[rows.vehicle]
+            wanted = rows.usable & self.chosen[rows.number]
             if wanted.any():
-                T = rows.targets(self.folder.recipe.task, self.coordinates)
-                yield rows.features[wanted], T[wanted]
+                yield rows.features[wanted], rows.targets(self.coordinates)[wanted]

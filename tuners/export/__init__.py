@@ -86,7 +86,7 @@ def export(
     if target == "onnx":
         return _write_onnx(source, where, features)
     if target == "c" and isinstance(source, Tuner):
-        stage = check(source).compressor
+        stage = check(source).stages.compressor
         return _write_all(where, compressor_source(stage, source.task.experiment.Ts))
     pi = DigitalPI.of(source, Ts, limits)
     if target == "c":

@@ -57,14 +57,14 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
     """
     check(tuner)
     graph = Graph()
-    task, order = tuner.task, tuner.compressor.order
+    task, order = tuner.task, tuner.stages.compressor.order
     if features:
         inputs: dict[str, list[Any]] = {"features": ["episodes", order]}
         X = "features"
     else:
         inputs = {"yaw_rate": ["episodes", task.experiment.N]}
         X = graph.apply("MatMul", "yaw_rate", graph.constant(compression(tuner).T))
-    values = _learner(graph, tuner.learner, X)
+    values = _learner(graph, tuner.stages.learner, X)
     _decode(graph, values, task, tuner.coordinates)
     from onnx import TensorProto
 
@@ -75,7 +75,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
         "Ts_control": repr(target.Ts),
         "phase_margin": repr(target.phase_margin),
         "crossover": repr(target.crossover),
-        "laguerre_pole": repr(tuner.compressor.pole),
+        "laguerre_pole": repr(tuner.stages.compressor.pole),
     }
     return graph.model(inputs, outputs, texts, "PI gains from one identification episode.")
 
@@ -87,7 +87,8 @@ def check(tuner: Any) -> Any:
             f"a {type(tuner).__name__} is not exported as a graph: target onnx needs a tuner "
             f"(--tuner). {_EXPORTED}"
         )
-    stages = getattr(tuner, "compressor", None), getattr(tuner, "learner", None)
+    own = getattr(tuner, "stages", None)
+    stages = getattr(own, "compressor", None), getattr(own, "learner", None)
     if not isinstance(stages[0], Laguerre) or not isinstance(stages[1], FeedForward | GBM | Trend):
         kind = getattr(tuner, "kind", type(tuner).__name__)
         reason = _REASONS.get(type(stages[0]), "its first stage is not linear in the yaw rate")
@@ -118,7 +119,7 @@ def compression(tuner: Any) -> Array:
             "stage is no constant matrix. Export with features=True and the compressor's C source."
         )
     u = prbs(experiment.N, experiment.Ts, experiment.bit_time, experiment.amplitude)
-    phi = tuner.compressor.regressors(u, experiment.Ts)[0]
+    phi = tuner.stages.compressor.regressors(u, experiment.Ts)[0]
     return np.asarray(np.linalg.solve(phi @ phi.T, phi))
 
 

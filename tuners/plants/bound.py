@@ -17,14 +17,21 @@ Array = NDArray[np.float64]
 _STEP = 1e-3  # of a range: figures may come from a simulation's samples
 
 
-def parameter_covariance(plant: Plant, theta: Array) -> Array:
-    """Least covariance of the parameters, in widths of their ranges, (B, p, p)."""
-    return covariance_of(output_slopes(plant, theta), plant.sigma(plant.respond(theta)))
+def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> Array:
+    """Least covariance of the unknown parameters, in widths of their ranges, (B, q, q).
+
+    Parameters
+    ----------
+    u : (N,), (1, N) or (B, N) float64, optional
+        The inputs, if not the experiment's.
+    """
+    slopes = output_slopes(plant, theta, u)
+    return covariance_of(slopes, plant.sigma(plant.respond(theta, u)))
 
 
-def cramer_rao(plant: Plant, theta: Array) -> Array:
-    """Least standard deviations of the figures (B, f) for plants (B, p)."""
-    tiled = np.tile(theta, (2 * theta.shape[1], 1))
+def cramer_rao(plant: Plant, theta: Array, u: Array | None = None) -> Array:
+    """Least standard deviations of the figures (B, f) for plants (B, p); `u` as above."""
+    tiled = np.tile(theta, (2 * len(plant.unknown), 1))
     J = central(plant, theta, lambda t: plant.judged(tiled, plant.oracle(t)), _STEP)
-    variance = np.einsum("bij,bjk,bik->bi", J, parameter_covariance(plant, theta), J)
+    variance = np.einsum("bij,bjk,bik->bi", J, parameter_covariance(plant, theta, u), J)
     return np.asarray(np.sqrt(variance))

@@ -36,6 +36,10 @@ LOG = Coordinates(_log, np.exp)
 """Logarithms: relative errors count; for gains that are positive."""
 
 
+PLAIN = Coordinates(np.asarray, np.asarray)
+"""The gains themselves: absolute errors count."""
+
+
 def loop(target: Target) -> Coordinates:
     """Log magnitude and phase of a PI controller (kp, Ti) at the wanted crossover.
 

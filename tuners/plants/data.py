@@ -1,17 +1,19 @@
 """Random episodes of a plant, the same whatever batch they are asked for in.
 
-Parameters and measurement noise come from words of an episode's own, as those of the
-yaw-rate environment do.  A generator for what is random inside the simulator belongs to
-a block of episodes, and blocks are computed whole, whatever part of them is asked for.
+Parameters, input and measurement noise come from words of an episode's own.  A generator
+for what is random inside the simulator belongs to a block of episodes, and blocks are
+computed whole, whatever part of them is asked for: BLAS sums in another order when a batch
+is of another size, and the last bits of a row would depend on where a data set was cut.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tuners.compressors import Compressor
+from tuners.plants.coordinates import Coordinates
 from tuners.plants.plant import Plant
 from yawrate_env.batch import concatenate, take
 from yawrate_env.contexts import context_set
@@ -19,9 +21,37 @@ from yawrate_env.episode import stream, uniform
 from yawrate_env.noise import KEY_WORDS
 
 Array = NDArray[np.float64]
+Words = NDArray[np.uint64]
 Progress = Callable[[int, int], None]
 
-_BLOCK = 64
+BLOCK = 128
+
+_SEED = 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Draw:
+    """B random experiments, before they are simulated.
+
+    Attributes
+    ----------
+    theta : NDArray
+        (B, p) parameters.
+    u : NDArray
+        (1, N) or (B, N) inputs.
+    keys : NDArray
+        (B, 4) noise streams.
+    """
+
+    theta: Array
+    u: Array
+    keys: Words
+
+    @classmethod
+    def of(cls, plant: Plant, words: Words) -> "Draw":
+        """Turn random words (B, `words_of`) into experiments of the prior."""
+        p = len(plant.prior)
+        return cls(parameters(plant, words[:, :p]), plant.inputs(words[:, p]), words[:, p + 1 :])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,12 +64,15 @@ class Episodes:
         (B,) which episodes of their seed.
     theta : NDArray
         (B, p) the truth.
+    u : NDArray
+        (1, N) or (B, N) inputs.
     y : NDArray
         (B, N) measured outputs.
     """
 
     number: NDArray[np.int64]
     theta: Array
+    u: Array
     y: Array
 
     def __len__(self) -> int:
@@ -48,21 +81,50 @@ class Episodes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Examples:
-    """What a learner learns from, (B, …); rows of one `number` differ by their noise alone."""
+    """What a learner learns from, (m, ...); rows of one `number` differ by their noise alone.
+
+    Attributes
+    ----------
+    number : NDArray
+        (m,) which episode of the seed a row is of.
+    theta : NDArray
+        (m, p) its parameters.
+    features : NDArray
+        (m, n) its compressed recording, and what is measured beside it.
+    usable : NDArray
+        (m,) whether the compression converged and the design rule has gains.
+    gains : NDArray
+        (m, k) the design rule's.
+    """
 
     number: NDArray[np.int64]
+    theta: Array
     features: Array
-    targets: Array
     usable: NDArray[np.bool_]
+    gains: Array
 
     def __len__(self) -> int:
         return len(self.features)
 
+    def targets(self, coordinates: Coordinates) -> Array:
+        """The gains as a learner predicts them."""
+        return coordinates.encode(self.gains)
 
-def parameters(plant: Plant, words: NDArray[np.uint64]) -> Array:
+
+def words_of(plant: Plant) -> int:
+    """How many 64-bit words an episode takes: parameters, input, and the noise's key."""
+    return len(plant.prior) + 1 + KEY_WORDS
+
+
+def parameters(plant: Plant, words: Words) -> Array:
     """Random words (B, p) to parameters of the prior (B, p)."""
     low, high = plant.ranges
     return np.asarray(low + (high - low) * uniform(words))
+
+
+def sample(plant: Plant, count: int) -> Array:
+    """(count, p) parameters of the prior that belong to no data set, always the same."""
+    return parameters(plant, stream(_SEED, 0, count, len(plant.prior)))
 
 
 def episodes(
@@ -73,20 +135,38 @@ def episodes(
     Parameters
     ----------
     name : str
-        Which of the sets that never share an episode: ``train``, ``test``, ``calibration``.
+        Which of the sets that never share an episode (`yawrate_env.contexts`).
     repeat : int
-        Another one has the same parameters, and fresh noise.
+        Another one has the same parameters and inputs, and fresh noise.
     """
-    tag, p, stop = context_set(name).tag, len(plant.prior), first + count
-    for start in range(first - first % _BLOCK, stop, _BLOCK):
-        words = stream((tag, seed), start, _BLOCK, p + KEY_WORDS)
-        root = (tag, seed, repeat) if repeat else (tag, seed)
-        keys = stream(root, start, _BLOCK, p + KEY_WORDS)[:, p:]
-        rng = np.random.default_rng(np.random.SeedSequence(root, spawn_key=(start, 1)))
-        theta = parameters(plant, words[:, :p])
-        asked = slice(max(first - start, 0), stop - start)
-        number = np.arange(start, start + _BLOCK)
-        yield take(Episodes(number, theta, plant.record(theta, keys, rng)), asked)
+    for block, asked in _blocks(plant, name, seed, first, count, repeat):
+        yield _part(block, asked)
+
+
+def recorded(plant: Plant, name: str, seed: int, count: int, repeat: int = 0) -> Episodes:
+    """The first `count` episodes of a seed in one piece."""
+    parts = list(episodes(plant, name, seed, 0, count, repeat))
+    whole = concatenate(parts)
+    return whole if len(whole.u) == len(whole) else replace(whole, u=parts[0].u)
+
+
+def compressed(
+    plant: Plant,
+    name: str,
+    seed: int,
+    first: int,
+    count: int,
+    compressor: Compressor,
+    repeat: int = 0,
+) -> Iterator[tuple[Examples, Episodes]]:
+    """What `episodes` gives, with what a learner learns from it."""
+    for block, asked in _blocks(plant, name, seed, first, count, repeat):
+        features, usable = compressor(block.u, block.y, plant.Ts)
+        gains = plant.oracle(block.theta)
+        usable = usable & np.isfinite(gains).all(axis=1)
+        features = np.concatenate([features, plant.shown(block.theta)], axis=1)
+        rows = Examples(block.number, block.theta, features, usable, gains)
+        yield take(rows, asked), _part(block, asked)
 
 
 def examples(
@@ -95,19 +175,45 @@ def examples(
     seed: int,
     compressor: Compressor,
     *,
+    name: str = "train",
     noise_draws: int = 1,
     progress: Progress | None = None,
 ) -> Examples:
-    """Simulate and compress the first `count` episodes of the ``train`` set."""
+    """Simulate and compress the first `count` episodes of a set's seed.
+
+    Parameters
+    ----------
+    noise_draws : int
+        Record every plant so many times, with fresh noise.
+    """
     parts: list[Examples] = []
     done = 0
     for repeat in range(noise_draws):
-        for block in episodes(plant, "train", seed, 0, count, repeat):
-            features, usable = compressor(plant.u[None], block.y, plant.Ts)
-            targets = plant.coordinates.encode(plant.oracle(block.theta))
-            usable = usable & np.isfinite(targets).all(axis=1)
-            parts.append(Examples(block.number, features, targets, usable))
-            done += len(block)
+        for rows, _ in compressed(plant, name, seed, 0, count, compressor, repeat):
+            parts.append(rows)
+            done += len(rows)
             if progress is not None:
                 progress(done, count * noise_draws)
     return concatenate(parts)
+
+
+def _blocks(
+    plant: Plant, name: str, seed: int, first: int, count: int, repeat: int
+) -> Iterator[tuple[Episodes, slice]]:
+    """Whole blocks, and which of their rows are asked for."""
+    tag, stop = context_set(name).tag, first + count
+    for start in range(first - first % BLOCK, stop, BLOCK):
+        words = stream((tag, seed), start, BLOCK, words_of(plant))
+        root = (tag, seed, repeat) if repeat else (tag, seed)
+        if repeat:
+            words[:, -KEY_WORDS:] = stream(root, start, BLOCK, words_of(plant))[:, -KEY_WORDS:]
+        rng = np.random.default_rng(np.random.SeedSequence(root, spawn_key=(start, 1)))
+        draw = Draw.of(plant, words)
+        y = plant.measure(draw.theta, draw.u, draw.keys, rng)
+        number = np.arange(start, start + BLOCK)
+        yield Episodes(number, draw.theta, draw.u, y), slice(max(first - start, 0), stop - start)
+
+
+def _part(block: Episodes, asked: slice) -> Episodes:
+    u = block.u if len(block.u) == 1 else block.u[asked]
+    return Episodes(block.number[asked], block.theta[asked], u, block.y[asked])

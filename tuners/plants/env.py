@@ -8,12 +8,10 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from tuners.plants.black_box import sample
-from tuners.plants.data import parameters
+from tuners.plants.data import Draw, sample, words_of
 from tuners.plants.entry import find
 from tuners.plants.plant import Plant
 from yawrate_env import validation
-from yawrate_env.noise import KEY_WORDS
 
 Observation = NDArray[np.float32]
 
@@ -27,7 +25,7 @@ class PlantEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
     | space | shape | content |
     |---|---|---|
-    | observation | (2, N) float32 | input, measured output |
+    | observation | (2 + m, N) float32 | input, measured output; m parameters measured, constant |
     | action | (k,) float64 | gains; the range that the prior's plants need, and a quarter more |
 
     The reward is -e/(1 + e/4) with e the distance of the plant's figures from what the
@@ -46,7 +44,7 @@ class PlantEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
     def __init__(self, plant: str | Plant) -> None:
         self.plant = find(plant)
-        shape = (2, len(self.plant.u))
+        shape = (2 + len(self.plant.shown_names), len(self.plant.u))
         self.observation_space: Any = Box(-_LARGEST, _LARGEST, shape, dtype=np.float32)
         self.action_space: Any = action_space(self.plant)
         self._theta: NDArray[np.float64] | None = None
@@ -57,15 +55,14 @@ class PlantEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Draw a plant and record the experiment; `options` pin parameters by name."""
         super().reset(seed=seed)
-        p = len(self.plant.prior)
-        words = self.np_random.bit_generator.random_raw(p + KEY_WORDS)[None]
-        theta = parameters(self.plant, words[:, :p])
+        words = self.np_random.bit_generator.random_raw(words_of(self.plant))[None]
+        draw = Draw.of(self.plant, words)
         names = tuple(self.plant.prior)
         for name, value in (options or {}).items():
             validation.one_of("options' parameter", name, names)
-            theta[0, names.index(name)] = validation.number(name, value)
-        y = self.plant.record(theta, words[:, p:], self.np_random)
-        self._theta, self._obs = theta, np.stack([self.plant.u, y[0]]).astype(np.float32)
+            draw.theta[0, names.index(name)] = validation.number(name, value)
+        y = self.plant.measure(draw.theta, draw.u, draw.keys, self.np_random)
+        self._theta, self._obs = draw.theta, observation(self.plant, draw.u, y, draw.theta)[0]
         return self._obs.copy(), {}
 
     def step(
@@ -88,6 +85,17 @@ class PlantEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         }
         self._theta = None
         return self._obs.copy(), float(plant.reward(theta, gains)[0]), True, False, info
+
+
+def observation(
+    plant: Plant, u: NDArray[np.float64], y: NDArray[np.float64], theta: NDArray[np.float64]
+) -> Observation:
+    """(B, 2 + m, N) of recordings (1 or B, N), (B, N) and parameters (B, p)."""
+    names = tuple(plant.prior)
+    beside = [theta[:, names.index(name)] for name in plant.shown_names]
+    rows = [np.broadcast_to(u, y.shape), y]
+    rows += [np.broadcast_to(value[:, None], y.shape) for value in beside]
+    return np.stack(rows, axis=1).astype(np.float32)
 
 
 def action_space(plant: Plant) -> Box:

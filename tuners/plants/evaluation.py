@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.plants.bound import cramer_rao
-from tuners.plants.data import episodes
-from tuners.plants.identification import identify
-from tuners.plants.plant import Plant
-from tuners.plants.trust import Limits
+from tuners.plants.data import Episodes, episodes
+from tuners.plants.identification import identify, identify_from_several
 from tuners.plants.tuner import PlantTuner
 from yawrate_env.batch import concatenate
 
@@ -69,10 +67,8 @@ def compare(tuner: PlantTuner, count: int, seed: int) -> Comparison:
     The gray box is the plant's own simulator, fitted within the prior from its middle, or
     from several places.
     """
-    plant = tuner.plant
-    rows = concatenate(
-        [_judged(tuner, block.theta, block.y) for block in episodes(plant, "test", seed, 0, count)]
-    )
+    blocks = episodes(tuner.plant, "test", seed, 0, count)
+    rows = concatenate([_judged(tuner, block) for block in blocks])
     errors = {
         TUNER: rows.tuner,
         GRAY_BOX: rows.gray_box,
@@ -83,21 +79,23 @@ def compare(tuner: PlantTuner, count: int, seed: int) -> Comparison:
     return Comparison(errors, rows.bound, rows.trusted, rows.converged, rows.covered)
 
 
-def _judged(tuner: PlantTuner, theta: Array, y: Array) -> _Block:
-    plant: Plant = tuner.plant
-    gains = tuner.gains(plant.u[None], y)
-    found, gray_box = tuner.assess(plant.u, y, gains), identify(plant, plant.u, y)
+def _judged(tuner: PlantTuner, block: Episodes) -> _Block:
+    plant, theta = tuner.plant, block.theta
+    gains, found = tuner.assess(block.u, block.y, theta)
+    start = theta.copy()
+    start[:, plant.unknown] = plant.middle[:, plant.unknown]
+    gray_box = identify(plant, block.u, block.y, start)
+    several = identify_from_several(plant, block.u, block.y, start)
+    nominal = np.tile(plant.middle, (len(theta), 1))
     actual, right = plant.judged(theta, gains), plant.judged(theta, plant.oracle(theta))
-    half = np.array(tuner.calibration) * found.spread
-    nominal = np.repeat(plant.oracle(plant.middle), len(theta), axis=0)
     with np.errstate(invalid="ignore"):
         return _Block(
             actual - right,
             plant.judged(theta, plant.oracle(gray_box.theta)) - right,
-            plant.judged(theta, plant.oracle(found.gray_box.theta)) - right,
-            plant.judged(theta, nominal) - right,
-            cramer_rao(plant, theta),
-            found.trusted(Limits()),
+            plant.judged(theta, plant.oracle(several.theta)) - right,
+            plant.judged(theta, plant.oracle(nominal)) - right,
+            cramer_rao(plant, theta, block.u),
+            found.trusted,
             gray_box.converged,
-            np.abs(actual - found.figures) <= half,
+            np.abs(actual - found.figures) <= np.array(tuner.calibration) * found.spread,
         )

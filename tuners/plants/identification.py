@@ -3,7 +3,11 @@
 The sum of squared output errors (for white noise and a simulator without randomness of
 its own the prediction error) is minimised from the middle of the prior by damped steps
 in parameters scaled by their ranges.  A parameter that is pressed against a limit stays
-there.
+there.  Parameters that are measured keep their values.
+
+Where a recording does not start from rest, start and offsets are estimated along: steps
+on signals from which all that they could explain has been projected out (Golub and
+Pereyra's variable projection, 1973).
 """
 
 from collections.abc import Callable
@@ -12,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.plants.black_box import sample
+from tuners.plants.black_box import BlackBox, free_responses
+from tuners.plants.data import sample
 from tuners.plants.plant import Plant
 from yawrate_env.batch import replaced, take
 
@@ -21,53 +26,120 @@ Array = NDArray[np.float64]
 STEP = 1e-4  # of a range, central
 _OTHER_STARTS = 4
 _MAX_STEPS = 40
+_POLISHING = 3
 _TOLERANCE = 1e-10
 _ROUNDING = 1e-20  # of the output's energy: without noise the cost ends here
 _LARGEST_STEP = 0.5
 _ROOM = 1e-9  # nearer than this to a limit is on it
 _DAMPING = 1e8  # beyond it no step helps
+_BAND = (1 / 7.5, 1 / 0.3)  # of the crossover: where noise matters to the figures
+_COLOURED = 1.7  # noise stronger by this in the band: more than chance for white noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Identified:
-    """What B recordings say of the parameters.
+class Found:
+    """Where a search for B recordings' parameters ended.
 
     Attributes
     ----------
     theta : NDArray
-        (B, p) parameters found.
-    covariance : NDArray
-        (B, p, p) of these, for white noise; ``inf`` where the data do not determine them.
-    simulated : NDArray
-        (B, N) the plant's output with these parameters.
-    residual : NDArray
-        (B, N) measured minus simulated.
+        (B, p) parameters, those that are measured as given.
+    cost : NDArray
+        (B,) sum of squared output errors.
     converged : NDArray
         (B,) whether the last step promised nothing more.
     """
 
     theta: Array
-    covariance: Array
-    simulated: Array
-    residual: Array
+    cost: Array
     converged: NDArray[np.bool_]
 
 
-def identify_from_several(plant: Plant, u: Array, y: Array) -> Identified:
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """The plant behind B recordings, and what it leaves over.
+
+    Attributes
+    ----------
+    theta : NDArray
+        (B, p) parameters found, those that are measured as given.
+    converged : NDArray
+        (B,) whether the search ended at a minimum.
+    simulated : NDArray
+        (B, N) the plant's output, with offset and start where these were estimated.
+    residual : NDArray
+        (B, N) measured minus simulated.
+    noise : NDArray
+        (B,) mean square of the residual, or more where it is stronger around the
+        crossover than elsewhere.
+    covariance : NDArray
+        (B, q, q) of the unknown parameters in widths of their ranges; ``inf`` where the
+        data do not determine them.
+    """
+
+    theta: Array
+    converged: NDArray[np.bool_]
+    simulated: Array
+    residual: Array
+    noise: Array
+    covariance: Array
+
+
+def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
+    """Find the plant behind recordings of any kind.
+
+    Parameters
+    ----------
+    model : BlackBox
+        The recordings, start and offsets taken out.
+    measured : (B, N) float64
+        Outputs as recorded.
+    start : (B, p) float64
+        Where the search starts, with what is measured beside the recordings.
+    """
+    found = _anywhere(plant, model.u, model.y, start)
+    theta, limits = found.theta, plant.limits
+    for _ in range(_POLISHING if model.unknown.any() else 0):
+        error, slopes = _signals(plant, theta, model)
+        with np.errstate(invalid="ignore"):
+            step = (_inverse(slopes) @ (slopes @ error[..., None]))[..., 0]
+        step = np.where(model.unknown[:, None] & np.isfinite(step), step, 0.0)
+        theta = _moved(plant, theta, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), *limits)
+    error, slopes = _signals(plant, theta, model)
+    noise = noise_level(error, model.Ts, plant.crossover)
+    with np.errstate(invalid="ignore"):  # no noise and no information: no answer
+        covariance = noise[:, None, None] * _inverse(slopes)
+    return Fit(theta, found.converged, measured - error, error, noise, covariance)
+
+
+def _anywhere(plant: Plant, u: Array, y: Array, start: Array) -> Found:
+    """The best that the plant's own search finds, or that by differences, beyond the prior too."""
+    if plant.gray_box is None:
+        inside = identify_from_several(plant, u, y, start)
+        return identify(plant, u, y, inside.theta, beyond=True)
+    found, converged = plant.gray_box(u, y, start)
+    theta, free, (low, high) = start.copy(), plant.unknown, plant.limits
+    theta[:, free] = np.clip(found[:, free], low[free], high[free])
+    return Found(theta, np.full(len(y), np.nan), converged)
+
+
+def identify_from_several(plant: Plant, u: Array, y: Array, start: Array | None = None) -> Found:
     """The best of `identify` from the prior's middle and from other places in it."""
-    best = identify(plant, u, y)
-    for theta in sample(plant, _OTHER_STARTS):
-        found = identify(plant, u, y, np.tile(theta, (len(y), 1)))
-        better = (found.residual**2).sum(axis=1) < (best.residual**2).sum(axis=1)
-        rows = np.flatnonzero(better)
+    start = np.tile(plant.middle, (len(y), 1)) if start is None else start
+    best = identify(plant, u, y, start)
+    for place in sample(plant, _OTHER_STARTS):
+        theta = start.copy()
+        theta[:, plant.unknown] = place[plant.unknown]
+        found = identify(plant, u, y, theta)
+        rows = np.flatnonzero(found.cost < best.cost)
         best = replaced(best, rows, take(found, rows))
     return best
 
 
 def identify(
     plant: Plant, u: Array, y: Array, start: Array | None = None, *, beyond: bool = False
-) -> Identified:
-    """Find the parameters behind outputs (B, N) of one input (N,).
+) -> Found:
+    """Find the parameters behind outputs (B, N) of inputs (N,), (1, N) or (B, N).
 
     Parameters
     ----------
@@ -77,17 +149,17 @@ def identify(
         Whether it may leave the prior, to the plant's search limits.  What does so at once
         may end in a minimum that is none of the prior's.
     """
-    low, high = plant.search_limits if beyond else plant.ranges
-    width = np.subtract(*plant.ranges[::-1])
+    low, high = plant.limits if beyond else plant.ranges
+    u, free = np.atleast_2d(u), plant.unknown
     theta = np.tile(plant.middle, (len(y), 1)) if start is None else start.copy()
-    simulated = plant.respond(theta, u)
-    error, energy = y - simulated, (y**2).sum(axis=1)
+    error, energy = y - plant.respond(theta, u), (y**2).sum(axis=1)
     cost, damping = (error**2).sum(axis=1), np.full(len(y), 1e-6)
     slopes = output_slopes(plant, theta, u)
     converged = np.zeros(len(y), dtype=np.bool_)
     active = np.arange(len(y))
     for _ in range(_MAX_STEPS):
-        room = [(theta[active] - low) / width > _ROOM, (high - theta[active]) / width > _ROOM]
+        at = theta[active][:, free]
+        room = [(at - low[free]) / plant.width > _ROOM, (high[free] - at) / plant.width > _ROOM]
         step, promised = _step(slopes[active], error[active], damping[active], *room)
         done = promised <= _TOLERANCE * cost[active] + _ROUNDING * energy[active]
         converged[active[done]] = True
@@ -95,39 +167,73 @@ def identify(
         active, step = active[keep], step[keep]
         if not len(active):
             break
-        trial = _within(theta[active], step * width, low, high)
-        output = plant.respond(trial, u)
+        trial = _moved(plant, theta[active], step, low, high)
+        output = plant.respond(trial, _rows(u, active))
         found = ((y[active] - output) ** 2).sum(axis=1)
         better = found < cost[active]  # not where the simulator gave nan
         damping[active] *= np.where(better, 0.1, 100.0)
         to = active[better]
         if len(to):
-            theta[to], cost[to], simulated[to] = trial[better], found[better], output[better]
+            theta[to], cost[to] = trial[better], found[better]
             error[to] = y[to] - output[better]
-            slopes[to] = output_slopes(plant, theta[to], u)
-    variance = (error**2).mean(axis=1)
-    covariance = variance[:, None, None] * _inverse(slopes) * (width[:, None] * width)
-    return Identified(theta, covariance, simulated, error, converged)
+            slopes[to] = output_slopes(plant, theta[to], _rows(u, to))
+    return Found(theta, cost, converged)
 
 
 def output_slopes(plant: Plant, theta: Array, u: Array | None = None) -> Array:
-    """Derivatives of the outputs to the parameters in their ranges' widths, (B, p, N)."""
-    return central(plant, theta, lambda t: plant.respond(t, u)).swapaxes(1, 2)
+    """Derivatives of outputs to the unknown parameters in their ranges' widths, (B, q, N)."""
+    sides = 2 * len(plant.unknown)
+    tiled = u if u is None or u.ndim == 1 or len(u) == 1 else np.tile(u, (sides, 1))
+    return central(plant, theta, lambda t: plant.respond(t, tiled)).swapaxes(1, 2)
 
 
 def central(
     plant: Plant, theta: Array, function: Callable[[Array], Array], step: float = STEP
 ) -> Array:
-    """Derivatives of ``function(theta)`` (B, m) to the parameters in widths, (B, m, p)."""
-    B, p = theta.shape
-    offsets = step * np.concatenate([np.eye(p), -np.eye(p)]) * np.subtract(*plant.ranges[::-1])
-    values = function((theta + offsets[:, None]).reshape(-1, p)).reshape(2, p, B, -1)
+    """Derivatives of ``function(theta)`` (B, m) to the unknown parameters in widths, (B, m, q)."""
+    (B, p), free = theta.shape, plant.unknown
+    q = len(free)
+    if not q:
+        return np.empty((*function(theta).shape, 0))
+    offsets = np.zeros((2 * q, p))
+    offsets[np.arange(2 * q), np.tile(free, 2)] = step * np.concatenate([plant.width, -plant.width])
+    values = function((theta + offsets[:, None]).reshape(-1, p)).reshape(2, q, B, -1)
     return np.asarray(((values[0] - values[1]) / (2 * step)).transpose(1, 2, 0))
 
 
 def covariance_of(slopes: Array, sigma: Array) -> Array:
-    """Inverse Fisher information of outputs' slopes (B, p, N) in noise of `sigma` (B,)."""
+    """Inverse Fisher information of outputs' slopes (B, q, N) in noise of `sigma` (B,)."""
     return np.asarray(sigma[:, None, None] ** 2 * _inverse(slopes))
+
+
+def noise_level(residual: Array, Ts: float, crossover: float | None) -> Array:
+    """Mean square of residuals (B, N), or their power around the crossover if that is more.
+
+    What counts for the figures is noise that the input could have caused.  White noise
+    has the same power everywhere, and its mean square is the better estimate of it.
+    """
+    overall = (residual**2).mean(axis=1)
+    if crossover is None:
+        return np.asarray(overall)
+    N = residual.shape[1]
+    low, high = (max(round(f * crossover * N * Ts), 1) for f in _BAND)
+    power = (np.abs(np.fft.rfft(residual)[:, low : high + 1]) ** 2).mean(axis=1) / N
+    return np.asarray(np.where(power > _COLOURED * overall, power, overall))
+
+
+def _signals(plant: Plant, theta: Array, model: BlackBox) -> tuple[Array, Array]:
+    """Output errors (B, N) and slopes (B, q, N), with what starts could explain projected out."""
+    error = model.y - plant.respond(theta, model.u)
+    signals = np.concatenate([error[:, None], output_slopes(plant, theta, model.u)], axis=1)
+    unknown = model.unknown
+    if unknown.any():
+        Z, _ = free_responses(model.functions, signals.shape[2], model.Ts)
+        signals[unknown] -= signals[unknown] @ Z.T @ Z
+    return signals[:, 0], signals[:, 1:]
+
+
+def _rows(u: Array, index: NDArray[np.intp]) -> Array:
+    return u if len(u) == 1 else u[index]
 
 
 def _step(
@@ -137,34 +243,41 @@ def _step(
     may_fall: NDArray[np.bool_],
     may_rise: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
-    """Damped Gauss-Newton steps (B, p), and the decrease they promise (B,)."""
+    """Damped Gauss-Newton steps (B, q), and the decrease they promise (B,)."""
     normal = slopes @ slopes.swapaxes(1, 2)
     slope = (slopes @ error[..., None])[..., 0]
     free = np.where(slope < 0, may_fall, may_rise)
     slope = np.where(free, slope, 0.0)
     eye = np.eye(slopes.shape[1])
     mask = free[:, :, None] & free[:, None, :]
-    scale = np.einsum("bii->bi", normal).max(axis=1)
+    scale = np.einsum("bii->bi", normal).max(axis=1, initial=0.0)
     scale = np.where(scale > 0, scale, 1.0)[:, None, None]
     lifted = np.where(mask, normal, 0.0) * (1 + damping[:, None, None] * eye)
     lifted = lifted + (~free[:, :, None] * eye + 1e-14) * scale * eye
     step = np.linalg.solve(lifted, slope[..., None])[..., 0]
     promised = (step * slope).sum(axis=1)
-    largest = np.abs(step).max(axis=1, keepdims=True)
+    largest = np.abs(step).max(axis=1, keepdims=True, initial=0.0)
     return step * np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300)), promised
 
 
-def _within(theta: Array, step: Array, low: Array, high: Array) -> Array:
-    """Parameters after steps (B, p), each as far as the first limit that it meets."""
+def _moved(plant: Plant, theta: Array, step: Array, low: Array, high: Array) -> Array:
+    """Parameters after steps (B, q) in widths, each as far as the first limit that it meets."""
+    free = plant.unknown
+    at, change = theta[:, free], step * plant.width
     with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(step > 0, high - theta, low - theta) / step
-    fraction = np.where(step == 0, 1.0, room).min(axis=1, keepdims=True)
-    return np.asarray(np.clip(theta + np.minimum(fraction, 1.0) * step, low, high))
+        room = np.where(change > 0, high[free] - at, low[free] - at) / change
+    room = np.where(change == 0, 1.0, np.maximum(room, 0.0))
+    fraction = room.min(axis=1, keepdims=True, initial=1.0)
+    moved = theta.copy()
+    moved[:, free] = np.clip(at + fraction * change, low[free], high[free])
+    return moved
 
 
 def _inverse(slopes: Array) -> Array:
-    """Inverse of slopes' Gram matrix (B, p, p); infinite where singular."""
+    """Inverse of slopes' Gram matrix (B, q, q); infinite where singular."""
     gram = slopes @ slopes.swapaxes(1, 2)
+    if not gram.size:
+        return np.asarray(gram)
     scale = np.sqrt(np.einsum("bii->bi", gram))
     outer = scale[:, :, None] * scale[:, None, :]
     with np.errstate(divide="ignore", invalid="ignore"):

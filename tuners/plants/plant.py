@@ -11,18 +11,52 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tuners.laguerre import Laguerre
 from tuners.plants.coordinates import LOG, Coordinates
 from yawrate_env import validation
+from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.noise import add_white_noise
 from yawrate_env.reward import UNSTABLE, graded
 
 Array = NDArray[np.float64]
+Words = NDArray[np.uint64]
 Noise = float | Callable[[Array], Array]
+Search = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]
+Range = tuple[float, float]
 
 RELATIVE_ERROR = 0.3
 """Of a gain: what counts as one where the plant has no judge."""
 
 _MARGIN = 0.5  # of a range's width, by which the search for parameters may leave the prior
+_ERROR, _SPREAD = 0.2, 0.1  # of a figure's scale: what is trusted if nothing else is said
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """How one of the figures counts by which gains are judged, all in its own unit.
+
+    Attributes
+    ----------
+    scale : float
+        The error that counts as one in the reward.
+    error : float
+        Largest predicted distance from what the design rule reaches that is still trusted;
+        a fifth of the scale if not given.
+    spread : float
+        Largest standard deviation of the prediction that is; a tenth if not given.
+    """
+
+    scale: float
+    error: float = np.nan
+    spread: float = np.nan
+
+    def __post_init__(self) -> None:
+        for name, share in (("error", _ERROR), ("spread", _SPREAD)):
+            if np.isnan(getattr(self, name)):
+                object.__setattr__(self, name, share * self.scale)
+        for name in self.__slots__:
+            value = getattr(self, name)
+            validation.number(name, value, above=0.0, remedy="Give the error that counts.")
 
 
 def snr(decibels: float) -> Callable[[Array], Array]:
@@ -41,10 +75,12 @@ class Plant:
     Attributes
     ----------
     prior : dict
-        Names of the p unknown parameters to their uniform ranges ``(low, high)``.
+        Names of the p parameters that differ from plant to plant to their uniform ranges
+        ``(low, high)``; a point is a parameter that is known.
     simulate : callable
-        ``simulate(theta, u, rng)``: parameters (B, p) and input (N,) to outputs (B, N).
-        `rng` is for what is random in the plant itself; where it is None, nothing is.
+        ``simulate(theta, u, rng)``: parameters (B, p) and input (N,) to outputs (B, N); input
+        (B, N) where every episode has its own (`excite`).  `rng` is for what is random in the
+        plant itself; where it is None, nothing is.
     design : callable
         ``design(theta)``: parameters (B, p) to gains (B, k); ``nan`` where there are none.
     gains : tuple of str
@@ -62,18 +98,44 @@ class Plant:
         and a figure undefined.  What the design rule reaches is the target.  Without a
         judge the gains' relative errors are the figures.
     figures : dict
-        The figures' names to the errors that count as one.
+        The figures' names to the errors that count as one, or to a `Figure`.
+    target : tuple of float, optional
+        The figures that the design rule aims at, where these are the same for every plant.
     coordinates : Coordinates
         What the learner predicts: the gains' logarithms, or `loop` coordinates.
+    measured : dict, optional
+        Parameters that are known of every recording, a speed or a load, say, to how far
+        outside the prior's range they may lie.
+    excite : callable, optional
+        ``excite(words)``: random 64-bit words (B,) to inputs (B, N), where every episode has
+        an input of its own; `u` is then an example.
+    linear : bool
+        Whether responses add up: what a recording's start and offsets contribute can then be
+        told from the response to its input.
+    crossover : float, optional
+        Where a loop's figures are decided [Hz]: noise is looked at around it, and with a
+        linear plant the response.
     batched : bool
         Whether the functions take B plants at once, or ``(p,)`` and ``(k,)`` of one.
     signals : tuple of str
         What input and output are called in pictures.
     entry : str
         ``module:attribute`` where the description is found again; saved tuners name it.
+    record : callable, optional
+        For speed: ``record(theta, u, keys)``, simulation and noise in one, for inputs (1, N) or
+        (B, N) and the noise streams (B, 4) of `yawrate_env.noise`.
+    gray_box : callable, optional
+        For speed: ``gray_box(u, y, theta)``, a search for the parameters behind outputs
+        (B, N), from (B, p), instead of that by differences; gives (B, p) and whether it
+        converged (B,).
+    search_limits : dict, optional
+        Parameters to how far they are searched; by default half a range beyond the prior,
+        parameters that are positive staying so.
+    black_box : Laguerre, optional
+        Functions that explain every plant; otherwise 16 with a pole that suits the prior.
     """
 
-    prior: Mapping[str, tuple[float, float]]
+    prior: Mapping[str, Range]
     simulate: Callable[[Array, Array, Any], Array]
     design: Callable[[Array], Array]
     gains: tuple[str, ...]
@@ -81,17 +143,23 @@ class Plant:
     Ts: float
     noise: Noise = 0.0
     judge: Callable[[Array, Array], Array] | None = None
-    figures: Mapping[str, float] = field(default_factory=dict)
+    figures: Mapping[str, float | Figure] = field(default_factory=dict)
+    target: tuple[float, ...] | None = None
     coordinates: Coordinates = LOG
+    measured: Mapping[str, float] = field(default_factory=dict)
+    excite: Callable[[Words], Array] | None = None
+    linear: bool = False
+    crossover: float | None = None
     batched: bool = True
     signals: tuple[str, str] = ("u", "y")
     entry: str = ""
+    record: Callable[[Array, Array, Words], Array] | None = None
+    gray_box: Search | None = None
+    search_limits: Mapping[str, Range] = field(default_factory=dict)
+    black_box: Laguerre | None = None
 
     def __post_init__(self) -> None:
         _check_settings(self)
-        if self.judge is None:
-            figures = {f"relative error of {name}": RELATIVE_ERROR for name in self.gains}
-            object.__setattr__(self, "figures", figures)
         _check_functions(self)
 
     @property
@@ -101,30 +169,96 @@ class Plant:
         return low, high
 
     @property
+    def width(self) -> Array:
+        """Of the unknown parameters' ranges, (q,)."""
+        low, high = self.ranges
+        return np.asarray((high - low)[self.unknown])
+
+    @property
     def middle(self) -> Array:
         """(1, p) parameters in the middle of the prior."""
         low, high = self.ranges
         return np.asarray((low + high)[None] / 2)
 
     @property
-    def search_limits(self) -> tuple[Array, Array]:
-        """How far parameters are searched, (p,) each; what is positive stays so."""
+    def unknown(self) -> NDArray[np.intp]:
+        """(q,) which parameters a recording must tell: neither measured nor a point."""
+        return np.flatnonzero([n not in self.measured and self._open(n) for n in self.prior])
+
+    @property
+    def known(self) -> NDArray[np.intp]:
+        """(p - q,) all other parameters."""
+        return np.setdiff1d(np.arange(len(self.prior)), self.unknown)
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """How far parameters are searched, (p,) each."""
         low, high = self.ranges
         spare = _MARGIN * (high - low)
         physical = np.where(low >= 0, np.maximum(low / 2, 1e-3 * spare), -np.inf)
-        return np.maximum(low - spare, physical), high + spare
+        ends = np.stack([np.maximum(low - spare, physical), high + spare])
+        for i, name in enumerate(self.prior):
+            ends[:, i] = self.search_limits.get(name, ends[:, i])
+        return ends[0], ends[1]
+
+    def figure(self, of: str) -> Array:
+        """(f,) ``scale``, ``error`` or ``spread`` of the figures."""
+        return np.array([getattr(figure, of) for figure in self._figures])
+
+    @property
+    def _figures(self) -> list[Figure]:
+        return [f if isinstance(f, Figure) else Figure(f) for f in self.figures.values()]
 
     def respond(self, theta: Array, u: Array | None = None, rng: Any = None) -> Array:
-        """Outputs (B, N) without measurement noise, by default of the experiment's input."""
-        given = self.u if u is None else u
-        return self._each(lambda t: self.simulate(t, given, rng), len(given), theta)
+        """Outputs (B, N) without measurement noise, by default of the experiment's input.
 
-    def record(self, theta: Array, keys: NDArray[np.uint64], rng: Any) -> Array:
-        """Measured outputs (B, N) of the experiment, each noise from its own key (B, 4)."""
-        clean = np.ascontiguousarray(self.respond(theta, rng=rng))
-        sigma = np.broadcast_to(self.sigma(clean), len(clean)).copy()
+        Parameters
+        ----------
+        u : (N,), (1, N) or (B, N) float64, optional
+            One input for all, or one for each.
+        """
+        given = np.atleast_2d(self.u if u is None else u)
+        if len(given) == 1:
+            return self._each(lambda t: self.simulate(t, given[0], rng), given.shape[1], theta)
+        return self._each(lambda t, v: self.simulate(t, v, rng), given.shape[1], theta, given)
+
+    @property
+    def shown_names(self) -> tuple[str, ...]:
+        """The measured parameters that the prior leaves open."""
+        return tuple(name for name in self.prior if name in self.measured and self._open(name))
+
+    def shown(self, theta: Array) -> Array:
+        """These (B, m), in logarithms where positive: features beside the recording's own."""
+        names = list(self.prior)
+        columns = [theta[:, names.index(name)] for name in self.shown_names]
+        columns = [
+            np.log(values) if self.prior[name][0] > 0 else values
+            for name, values in zip(self.shown_names, columns, strict=True)
+        ]
+        return np.stack(columns, axis=1) if columns else np.empty((len(theta), 0))
+
+    def _open(self, name: str) -> bool:
+        low, high = self.prior[name]
+        return low < high
+
+    def inputs(self, words: Words) -> Array:
+        """Inputs of B experiments, (1, N) or (B, N), from a random word each."""
+        if self.excite is None:
+            return self.u[None]
+        return np.asarray(self.excite(words), dtype=np.float64)
+
+    def measure(self, theta: Array, u: Array, keys: Words, rng: Any = None) -> Array:
+        """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4)."""
+        if self.record is not None:
+            return self.record(theta, u, keys)
+        clean = np.ascontiguousarray(self.respond(theta, u, rng))
+        sigma = self.sigma(clean).copy()
         measured = np.empty_like(clean)
-        add_white_noise(clean, sigma, keys, measured)
+
+        def work(i: int, j: int) -> None:
+            add_white_noise(clean[i:j], sigma[i:j], keys[i:j], measured[i:j])
+
+        over_blocks(work, len(clean), LANES)
         return measured
 
     def sigma(self, clean: Array) -> Array:
@@ -148,16 +282,19 @@ class Plant:
             figures[usable] = found
         return figures
 
+    def wanted(self, theta: Array) -> Array:
+        """Figures (B, f) that the design rule aims at, or else what it reaches."""
+        if self.target is not None:
+            return np.tile(np.array(self.target), (len(theta), 1))
+        return self.judged(theta, self.oracle(theta))
+
     def errors(self, theta: Array, gains: Array) -> Array:
-        """Figures' distances from what the design rule reaches, (B, f), in units of their own."""
-        scale = np.array(list(self.figures.values()))
-        return np.asarray(
-            (self.judged(theta, gains) - self.judged(theta, self.oracle(theta))) / scale
-        )
+        """Figures' distances from those wanted, (B, f), in units of their own."""
+        return np.asarray(self.judged(theta, gains) - self.wanted(theta))
 
     def reward(self, theta: Array, gains: Array) -> Array:
         """Reward (B,) between -5 and 0, graded as the yaw-rate environment's is."""
-        e = np.sqrt((self.errors(theta, gains) ** 2).sum(axis=1))
+        e = np.sqrt(((self.errors(theta, gains) / self.figure("scale")) ** 2).sum(axis=1))
         return np.where(np.isnan(e), UNSTABLE, graded(e))
 
     def _each(self, function: Callable[..., Any], width: int, *arrays: Array) -> Array:
@@ -178,13 +315,17 @@ def _check_settings(plant: Plant) -> None:
     if not isinstance(plant.prior, Mapping) or not plant.prior:
         raise ValueError('prior must name at least one parameter, as in {"J": (0.01, 0.03)}.')
     prior = {name: validation.interval(f"prior {name}", r) for name, r in plant.prior.items()}
-    for name, (low, high) in prior.items():
-        if low == high:
-            raise ValueError(
-                f"prior {name} = [{low:g}, {high:g}] is a point. Make it a constant of simulate."
-            )
+    for name, slack in plant.measured.items():
+        validation.one_of("measured parameter", name, tuple(prior))
+        validation.number(f"measured {name}", slack, at_least=0.0, remedy="Say how far outside "
+                          "the prior it may lie.")  # fmt: skip
+    for name in plant.search_limits:
+        validation.one_of("search_limits' parameter", name, tuple(prior))
     u: ArrayLike = validation.finite_array("u", plant.u, shape=(None,))
     Ts = validation.number("Ts", plant.Ts, above=0.0, remedy="Give the sampling time in seconds.")
+    if plant.crossover is not None:
+        validation.number("crossover", plant.crossover, above=0.0, at_most=0.5 / Ts,
+                          remedy="Give it in Hz, below half the sampling rate.")  # fmt: skip
     if isinstance(plant.gains, str) or not plant.gains:
         raise ValueError(f'gains = {plant.gains!r} must be names, as in ("kp", "Ti").')
     if (plant.judge is None) != (not plant.figures):
@@ -192,11 +333,17 @@ def _check_settings(plant: Plant) -> None:
             "judge and figures belong together. Give figures the names of what judge returns and "
             'the errors that count as one, as in {"phase margin [deg]": 10.0}.'
         )
-    for name, scale in plant.figures.items():
-        validation.number(f"figure {name}", scale, above=0.0, remedy="Give the error that counts.")
+    figures = plant.figures or {f"relative error of {name}": RELATIVE_ERROR for name in plant.gains}
+    if plant.target is not None:
+        target = validation.finite_array("target", plant.target, shape=(len(figures),))
+        object.__setattr__(plant, "target", tuple(target.tolist()))
+    for name, figure in figures.items():
+        if not isinstance(figure, Figure):
+            remedy = "Give the error that counts as one."
+            validation.number(f"figure {name}", figure, above=0.0, remedy=remedy)
     if not callable(plant.noise):
         validation.number("noise", plant.noise, at_least=0.0, remedy="Give a standard deviation.")
-    values = {"prior": prior, "u": u, "Ts": Ts, "gains": tuple(plant.gains)}
+    values = {"prior": prior, "u": u, "Ts": Ts, "gains": tuple(plant.gains), "figures": figures}
     for name, value in values.items():
         object.__setattr__(plant, name, value)
 
@@ -217,8 +364,13 @@ def _check_functions(plant: Plant) -> None:
     y = tried("simulate", lambda: plant.respond(theta), width)
     if not np.array_equal(y, plant.respond(theta)):
         raise ValueError("simulate is random where rng is None. Use rng for all that is random.")
+    if plant.excite is not None:
+        u = tried("excite", lambda: plant.inputs(np.array([1, 2], np.uint64)), width)
+        tried("simulate", lambda: plant.respond(theta, u), width)
     tried("noise", lambda: plant.sigma(y)[:, None], 1)
-    gains = tried("design", lambda: plant.oracle(theta), len(plant.gains))
+    gains = tried("design", lambda: np.nan_to_num(plant.oracle(theta)), len(plant.gains))
+    if np.isnan(plant.oracle(theta)).any():  # there are none for the plant in the middle
+        return
     encoded = plant.coordinates.encode(gains)
     decoded = plant.coordinates.decode(np.asarray(encoded))
     if not np.allclose(decoded, gains, rtol=1e-6):

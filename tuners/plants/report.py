@@ -118,7 +118,7 @@ def table(name: str, part: dict[str, Any]) -> str:
     training, seconds = part["training"], part["seconds"]
     lines += [
         "",
-        f"{part['episodes']} test plants; trained on {training['plants']} others with "
+        f"{part['episodes']} test plants; trained on {training['vehicles']} others with "
         f"{training['noise_draws']} recordings of each, seed {training['seed']}. Errors are "
         "distances from what the design rule reaches that knows the plant.",
         f"Two-stage gains trusted: {100 * part['trusted']:.1f} %. Its 90 % intervals held: "

@@ -1,30 +1,99 @@
-"""Training and calibration of a plant's tuner, from its description alone."""
+"""Training and calibration from a plant's description alone."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tuners.catalogue import LEAST_USABLE
-from tuners.datasets import trains
 from tuners.feedforward import FeedForwardSettings
-from tuners.plants.black_box import suited
-from tuners.plants.data import episodes, examples
+from tuners.plants.black_box import functions_for, suited
+from tuners.plants.data import Episodes, Examples, episodes, examples
 from tuners.plants.plant import Plant
+from tuners.plants.trust import Assessment, conformal
 from tuners.plants.tuner import PlantTuner
-from tuners.trust import conformal
-from tuners.two_stage import Recipe
+from tuners.stages import Recipe, Stages, trained
 from yawrate_env import validation
 
+Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
+Answer = Callable[[Episodes], tuple[Array, Assessment]]
 
-ORDER, BLACK_BOX_ORDER = 8, 16
+ORDER = 8
 CALIBRATION = 500
+LEAST_PLANTS = 50
 
 
 def recipe_for(plant: Plant) -> Recipe:
     """Laguerre features with a pole that suits the plant, a small network, fresh noise."""
     learner = FeedForwardSettings(neurons=16, max_fail=10, epochs=300)
     return Recipe(suited(plant, ORDER), learner, noise_draws=6, vehicles=1000)
+
+
+def fit(
+    plant: Plant,
+    recipe: Recipe,
+    *,
+    count: int | None = None,
+    seed: int = 0,
+    name: str = "custom",
+    data: Examples | None = None,
+    progress: Progress | None = None,
+) -> tuple[Stages, dict[str, Any]]:
+    """Simulate the ``train`` set, compress it, and train the second stage on it.
+
+    Parameters
+    ----------
+    count : int, optional
+        Simulated plants, the recipe's if not given; 80 % train, the rest validate.
+    seed : int
+        Of the data and of the learner.
+    name : str
+        What the recipe is called.
+    data : Examples, optional
+        Examples already simulated with this compressor, instead of new.
+    progress : callable, optional
+        Called with what is being done, how far it is, and how far it goes.
+
+    Returns
+    -------
+    Stages
+    dict
+        How they were trained, for the record.
+    """
+    count = recipe.vehicles if count is None else count
+    count = validation.count("episodes", count, at_least=LEAST_PLANTS, remedy="Simulate more.")
+    seed = validation.count("seed", seed, at_least=0)
+
+    def report(what: str) -> Callable[[int, int], None] | None:
+        return None if progress is None else lambda done, of: progress(what, done, of)
+
+    if data is None:
+        data = examples(
+            plant,
+            count,
+            seed,
+            recipe.compressor,
+            noise_draws=recipe.noise_draws,
+            progress=report("simulating"),
+        )
+    stages, used = trained(
+        recipe,
+        data.number,
+        data.features,
+        data.targets(plant.coordinates),
+        data.usable,
+        seed,
+        report(f"training {name}"),
+    )
+    return stages, {
+        "name": name,
+        "vehicles": int(data.number.max()) + 1,
+        "noise_draws": recipe.noise_draws,
+        "used": used,
+        "seed": seed,
+        "context": "train",
+    }
 
 
 def train(
@@ -52,62 +121,62 @@ def train(
     progress : callable, optional
         Called with what is being done, how far it is, and how far it goes.
     """
-    recipe = recipe or recipe_for(plant)
-    count = validation.count(
-        "count", count or recipe.vehicles, at_least=50, remedy="Simulate more."
-    )
-    seed = validation.count("seed", seed, at_least=0)
-
-    def report(what: str) -> Callable[[int, int], None] | None:
-        return None if progress is None else lambda done, of: progress(what, done, of)
-
-    data = examples(
-        plant,
-        count,
-        seed,
-        recipe.compressor,
-        noise_draws=recipe.noise_draws,
-        progress=report("simulating"),
-    )
-    rows = np.flatnonzero(data.usable)
-    if len(rows) < LEAST_USABLE:
-        raise ValueError(
-            f"{len(rows)} of {len(data)} episodes are usable, at least {LEAST_USABLE} are needed. "
-            "Look at what simulate and design give over the prior, or simulate more."
-        )
-    part = trains(count, seed)
-    fitted, checked = (rows[p[data.number[rows]]] for p in (part, ~part))
-    X, T = data.features, data.targets
-    learner = recipe.learner.fit(
-        X[fitted], T[fitted], X[checked], T[checked], seed, report("training")
-    )
-    training = {
-        "plants": count,
-        "noise_draws": recipe.noise_draws,
-        "used": len(rows),
-        "seed": seed,
-        "context": "train",
-    }
-    black_box = suited(plant, BLACK_BOX_ORDER)
-    tuner = PlantTuner(plant, recipe.compressor, learner, black_box, training)
     if calibration:
-        calibrate(tuner, calibration, seed, report("calibrating"))
+        validation.count("calibration", calibration, at_least=50, remedy="Simulate more.")
+    stages, training = fit(
+        plant, recipe or recipe_for(plant), count=count, seed=seed, progress=progress
+    )
+    tuner = PlantTuner(plant, stages, functions_for(plant), training)
+    if calibration:
+        calibrate(tuner, calibration, seed, progress)
     return tuner
 
 
-def calibrate(
-    tuner: PlantTuner, count: int, seed: int, progress: Callable[[int, int], None] | None = None
-) -> None:
+def calibrate(tuner: PlantTuner, count: int, seed: int, progress: Progress | None = None) -> None:
     """Set the tuner's `calibration` from episodes of the ``calibration`` set."""
-    validation.count("calibration", count, at_least=50, remedy="Simulate more.")
-    plant, parts, done = tuner.plant, [], 0
-    for block in episodes(plant, "calibration", seed, 0, count):
-        gains = tuner.gains(plant.u[None], block.y)
-        found = tuner.assess(plant.u, block.y, gains)
-        parts.append(np.stack([found.figures, found.spread, plant.judged(block.theta, gains)]))
+
+    def answer(block: Episodes) -> tuple[Array, Assessment]:
+        return tuner.assess(block.u, block.y, block.theta)
+
+    factors = calibrated(
+        assessed(tuner.plant, "calibration", count, seed, answer),
+        None if progress is None else lambda done: progress("calibrating", done, count),
+    )
+    tuner.calibration = tuple(factors.tolist())
+    tuner.training["calibration"] = count
+
+
+def assessed(
+    plant: Plant, name: str, count: int, seed: int, answer: Answer
+) -> Iterator[tuple[Episodes, Assessment, Array]]:
+    """Episodes of a set, what a tuner's assessment says of each, and what is true.
+
+    Parameters
+    ----------
+    answer : callable
+        Episodes to gains (B, k) and their assessment.
+
+    Yields
+    ------
+    Episodes
+    Assessment
+    (B, f) float64
+        Figures with the true plants; ``nan`` if unstable.
+    """
+    for block in episodes(plant, name, seed, 0, count):
+        gains, found = answer(block)
+        yield block, found, plant.judged(block.theta, gains)
+
+
+def calibrated(
+    rows: Iterator[tuple[Episodes, Assessment, Array]],
+    progress: Callable[[int], None] | None = None,
+) -> Array:
+    """Conformal factors (f,) from what `assessed` yields."""
+    parts, done = [], 0
+    for block, found, actual in rows:
+        parts.append(np.stack([found.figures, found.spread, actual]))
         done += len(block)
         if progress is not None:
-            progress(done, count)
-    predicted, spread, actual = np.concatenate(parts, axis=1)
-    tuner.calibration = tuple(conformal(predicted, spread, actual).tolist())
-    tuner.training["calibration"] = count
+            progress(done)
+    return conformal(*np.concatenate(parts, axis=1))

@@ -1,24 +1,34 @@
-"""Whether gains can be trusted, judged by the recording beside the plant's own simulator.
+"""Whether gains can be trusted, judged by the recording that they come from.
 
-The method of `tuners.trust` for any plant: the simulator is fitted to the recording, and
-so is a black box.  Gains are trusted where the simulator leaves no more over than the
-black box does, the parameters found are ones of the prior, and the figures that they
-predict for the gains are on target and certain.  A nonlinear plant's simulator explains
-more than the linear black box, which the comparison allows.
+The plant's simulator is fitted to the recording (`tuners.plants.identification`), and so is
+a black box that knows nothing of it (`tuners.plants.black_box`).  Gains are trusted where
+the two tell the same story: what the simulator leaves over, the input does not explain
+either, both respond alike at the crossover, the plant found is one of the prior's, with it
+the gains give what the design rule reaches, and the recording holds enough information to
+say so.  Nothing depends on which excitation was used or which tuner answered.  A nonlinear
+plant's simulator explains more than the linear black box, which the comparison allows.
+
+The intervals are the figures of the plant found plus or minus a factor times their standard
+deviation, the factor calibrated by split conformal prediction (Lei et al., 2018) with the
+scaled error as score.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.laguerre import Laguerre
-from tuners.plants.black_box import unexplained
-from tuners.plants.identification import Identified, central, identify, identify_from_several
+from tuners.plants.black_box import BlackBox
+from tuners.plants.identification import Fit, central, fit
 from tuners.plants.plant import Plant
 from tuners.result import Check
 
 Array = NDArray[np.float64]
+
+LEVEL = 0.9
+GAUSSIAN = 1.6449
+"""Half width of the interval of `LEVEL` in standard deviations, for a normal error."""
 
 _DOUBT = 3.0  # standard deviations that a finding must exceed to count
 _STEP = 1e-3  # of a range: figures may come from a simulation's samples
@@ -26,41 +36,60 @@ _STEP = 1e-3  # of a range: figures may come from a simulation's samples
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Largest values that are still trusted.
+    """Largest values that are still trusted; those of the figures are in `Figure`.
 
     Attributes
     ----------
-    noise : float
-        Residual over simulated output, root mean squares.
     misfit : float
         Output that the input explains and the fitted plant does not, over the output,
         beyond what noise can do.
+    response : float
+        Relative difference of fitted plant and black box at the crossover, beyond what
+        noise can do; 0.02 is about a degree.
+    noise : float
+        Residual over simulated output, root mean squares.
+    colour : float
+        Power of the residual around the crossover over that of white noise.
     outside : float
-        Distance of the parameters from the prior, in widths of its ranges, beyond what
+        Distance of the fitted plant from the prior in widths of its ranges, beyond what
         noise can do.
-    error, spread : float
-        Of the predicted figures, in errors that count as one.
     unsolved : float
-        Whether a number is missing or the search did not converge, as 1 or 0.
+        Whether the design or the numerics failed, as 1 or 0.
     """
 
-    noise: float = 0.3
     misfit: float = 0.01
+    response: float = 0.02
+    noise: float = 0.3
+    colour: float = 20.0
     outside: float = 0.1
-    error: float = 0.2
-    spread: float = 0.1
     unsolved: float = 0.0
 
 
+_INFORMATION = (
+    "The recording holds too little information: excite more strongly, more quickly, or for longer."
+)
+_MISSED = "With the fitted plant these gains miss what the design rule reaches."
+
 MESSAGES = {
-    "noise": "The output hardly follows the input: the sensor is dead, noisy or another's.",
     "misfit": "No plant that the simulator knows answers this input so: check units, signs, "
-    "sampling time and what the plant starts from.",
+    "sampling time, delays between the channels and what the plant starts from.",
+    "response": "At the crossover the recording responds otherwise than the fitted plant: check "
+    "the sampling time and what is measured beside it.",
+    "noise": "The output hardly follows the input: the sensor is dead, noisy or another's.",
+    "colour": "Something other than the input moves the output around the crossover: a "
+    "disturbance, a drift or a sensor fault.",
     "outside": "The fitted plant lies outside the prior that the tuner was made for.",
-    "error": "With the fitted plant these gains miss what the design rule reaches.",
-    "spread": "The recording holds too little information: excite more strongly or for longer.",
-    "unsolved": "There are no gains for this plant, or the numerics did not converge.",
+    "unsolved": "A number is missing or a search did not converge.",
 }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finding:
+    """What B recordings say to one of the questions: values (B,), their limit, and in words."""
+
+    values: Array
+    limit: float
+    message: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,69 +98,153 @@ class Assessment:
 
     Attributes
     ----------
-    gray_box, fit : Identified
-        The simulator beside the recordings: the prior's best plant, and the best of all.
+    model : BlackBox
+        Fitted without knowledge of the plant.
+    fit : Fit
+        The plant found.
     figures, spread : NDArray
-        (B, f) figures of the gains with the fitted plants, and their standard deviations.
+        (B, f) what the gains give with that plant, and their standard deviations.
     findings : dict
-        Name of a check to values (B,).
+        By name of the check.
     """
 
-    gray_box: Identified
-    fit: Identified
+    model: BlackBox
+    fit: Fit
     figures: Array
     spread: Array
-    findings: dict[str, Array]
+    findings: dict[str, Finding]
 
-    def trusted(self, limits: Limits) -> NDArray[np.bool_]:
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
         """Where every finding is within its limit, (B,)."""
-        within = [values <= getattr(limits, name) for name, values in self.findings.items()]
+        within = [finding.values <= finding.limit for finding in self.findings.values()]
         return np.asarray(np.all(within, axis=0))
 
-    def checks(self, index: int, limits: Limits) -> tuple[Check, ...]:
+    def checks(self, index: int) -> tuple[Check, ...]:
         """The checks of one recording, in words."""
         return tuple(
-            Check(name, float(values[index]), getattr(limits, name), MESSAGES[name])
-            for name, values in self.findings.items()
+            Check(name, float(finding.values[index]), finding.limit, finding.message)
+            for name, finding in self.findings.items()
         )
 
-
-def assess(plant: Plant, model: Laguerre, u: Array, y: Array, gains: Array) -> Assessment:
-    """Ask recordings (N,), (B, N) about gains (B, k), with a black box for comparison."""
-    gray_box = identify_from_several(plant, u, y)
-    fit = identify(plant, u, y, gray_box.theta, beyond=True)
-    scale = np.array(list(plant.figures.values()))
-    tiled = np.tile(gains, (2 * len(plant.prior), 1))
-    with np.errstate(all="ignore"):
-        figures = plant.judged(fit.theta, gains)
-        J = central(plant, fit.theta, lambda theta: plant.judged(theta, tiled), _STEP)
-        width = np.subtract(*plant.ranges[::-1])
-        covariance = fit.covariance / (width[:, None] * width)
-        spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, covariance, J))
-        noise = np.sqrt((fit.residual**2).mean(axis=1) / fit.simulated.var(axis=1))
+    def worded(self, messages: Mapping[str, str]) -> "Assessment":
+        """The same in other words."""
         findings = {
-            "noise": noise,
-            "misfit": _misfit(plant, model, u, y, fit),
-            "outside": _outside(plant, fit),
-            "error": np.abs(plant.errors(fit.theta, gains)).max(axis=1),
-            "spread": (spread / scale).max(axis=1),
-            "unsolved": 1.0 - (fit.converged & np.isfinite(gains).all(axis=1)),
+            name: replace(finding, message=messages.get(name, finding.message))
+            for name, finding in self.findings.items()
         }
-    return Assessment(gray_box, fit, figures, spread, findings)
+        return replace(self, findings=findings)
+
+    def beside(self, **findings: Finding) -> "Assessment":
+        """With what is asked of the recordings beside the plant, asked first."""
+        return replace(self, findings=findings | self.findings)
 
 
-def _misfit(plant: Plant, model: Laguerre, u: Array, y: Array, fit: Identified) -> Array:
+def assess(
+    plant: Plant,
+    model: BlackBox,
+    measured: Array,
+    gains: Array,
+    start: Array,
+    solved: NDArray[np.bool_],
+) -> Assessment:
+    """Ask recordings about gains.
+
+    Parameters
+    ----------
+    model : BlackBox
+        Fitted to the recordings.
+    measured : (B, N) float64
+        Outputs as recorded.
+    gains : (B, k) float64
+    start : (B, p) float64
+        Where the search for the plant starts, with what is measured beside the recordings.
+    solved : (B,) bool
+        Whether the gains' own numerics succeeded.
+    """
+    with np.errstate(all="ignore"):
+        found = fit(plant, model, measured, start)
+        sides = np.tile(gains, (2 * max(len(plant.unknown), 1), 1))
+        figures = plant.judged(found.theta, gains)
+        error = np.abs(figures - plant.wanted(found.theta))
+        J = central(plant, found.theta, lambda t: plant.judged(t, sides[: len(t)]), _STEP)
+        spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, found.covariance, J))
+        of_recordings = _of_recordings(plant, model, found)
+        solved = solved & found.converged & np.isfinite(gains).all(axis=1)
+    findings = {
+        **_of_figures(plant, "spread", spread, _INFORMATION),
+        **_named(of_recordings),
+        **_of_figures(plant, "error", error, _MISSED),
+        **_named({"unsolved": np.where(solved, 0.0, 1.0)}),
+    }
+    return Assessment(model, found, figures, spread, findings)
+
+
+def _of_figures(plant: Plant, what: str, values: Array, message: str) -> dict[str, Finding]:
+    """A finding for each figure, named by it without its unit."""
+    names = (name.partition(" [")[0].replace(" ", "_") for name in plant.figures)
+    parts = zip(names, values.T, plant.figure(what), strict=True)
+    return {f"{name}_{what}": Finding(v, float(limit), message) for name, v, limit in parts}
+
+
+def _named(values: dict[str, Array]) -> dict[str, Finding]:
+    limits = Limits()
+    return {n: Finding(v, getattr(limits, n), MESSAGES[n]) for n, v in values.items()}
+
+
+def _of_recordings(plant: Plant, model: BlackBox, found: Fit) -> dict[str, Array]:
+    """What black box and fitted plant leave over, and how they differ."""
+    residual, simulated = found.residual, found.simulated
+    values = {
+        "misfit": _misfit(plant, model, found),
+        "noise": np.sqrt((residual**2).mean(axis=1) / simulated.var(axis=1)),
+        "outside": _outside(plant, found),
+    }
+    if plant.crossover is not None:
+        values["colour"] = found.noise / (residual**2).mean(axis=1) / model.oversampled
+        if plant.linear:
+            values["response"] = _response(plant.crossover, model, found)
+    return {name: values[name] for name in MESSAGES if name in values}
+
+
+def _misfit(plant: Plant, model: BlackBox, found: Fit) -> Array:
     """What the black box explains beyond the fitted plant, relative, less what noise can do."""
-    freedom = max(model.order - len(plant.prior), 1)
-    squares = (fit.residual**2).sum(axis=1)
-    excess = squares - unexplained(model, u, y, plant.Ts)
-    chance = squares / len(u) * (freedom + _DOUBT * np.sqrt(2 * freedom))
-    return np.asarray(np.sqrt(np.maximum(excess - chance, 0) / (fit.simulated**2).sum(axis=1)))
+    freedom = max(model.functions.order - len(plant.unknown), 1)
+    excess = (found.residual**2).sum(axis=1) - model.residual
+    chance = found.noise * (freedom + _DOUBT * np.sqrt(2 * freedom))
+    return np.asarray(np.sqrt(np.maximum(excess - chance, 0) / (found.simulated**2).sum(axis=1)))
 
 
-def _outside(plant: Plant, fit: Identified) -> Array:
+def _response(crossover: float, model: BlackBox, found: Fit) -> Array:
+    """Relative difference of black box and fitted plant, less three standard deviations.
+
+    The black box's coefficients on what the plant leaves over are their difference.
+    """
+    functions = model.functions.frequency_response(np.array([2 * np.pi * crossover]), model.Ts)
+    nothing = np.empty((0, model.u.shape[1]))
+    _, right = model.functions.normal_equations(model.u, found.residual, model.Ts, nothing)
+    difference = np.linalg.solve(model.information, right[..., None])[..., 0] @ functions
+    fitted = np.abs(model.coefficients @ functions - difference)[:, 0]
+    scaled = np.linalg.solve(model.information, functions)[..., 0]
+    variance = (scaled @ functions.conj()).real[:, 0]
+    spread = np.sqrt(found.noise * variance) / fitted
+    return np.asarray(np.maximum(np.abs(difference[:, 0]) / fitted - _DOUBT * spread, 0))
+
+
+def _outside(plant: Plant, found: Fit) -> Array:
     """Distance from the prior in widths of its ranges, less three standard deviations."""
-    low, high = plant.ranges
-    slack = _DOUBT * np.sqrt(np.einsum("bii->bi", fit.covariance))
-    beyond = np.maximum(np.maximum(low - fit.theta, fit.theta - high) - slack, 0)
-    return np.asarray((beyond / (high - low)).max(axis=1))
+    free, (low, high) = plant.unknown, plant.ranges
+    theta = found.theta[:, free]
+    slack = _DOUBT * np.sqrt(np.einsum("bii->bi", found.covariance))
+    beyond = np.maximum(low[free] - theta, theta - high[free]) / plant.width
+    return np.asarray(np.maximum(beyond - slack, 0).max(axis=1, initial=0.0))
+
+
+def conformal(predicted: Array, spread: Array, actual: Array, level: float = LEVEL) -> Array:
+    """Split conformal factors (f,) from calibration episodes, (E, f) each.
+
+    The factor is the ceil((E + 1) level)-th smallest scaled error, which makes intervals
+    hold with probability `level` or more whatever the errors' distribution.
+    """
+    scores = np.sort(np.abs(actual - predicted) / spread, axis=0)
+    return np.asarray(scores[int(np.ceil((len(scores) + 1) * level)) - 1])

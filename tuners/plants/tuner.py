@@ -1,6 +1,7 @@
 """A trained tuner for a plant: recordings to gains, and whether to trust them."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -10,18 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tuners import model_file
-from tuners.compressors import FirstStage, compressor, described
-from tuners.feedforward import FeedForward
-from tuners.gbm import GBM
+from tuners.compressors import described
 from tuners.laguerre import Laguerre
 from tuners.plants import entry
-from tuners.plants.black_box import sample
-from tuners.plants.plant import Plant
-from tuners.plants.trust import Assessment, Limits, assess
+from tuners.plants.black_box import black_box
+from tuners.plants.data import sample
+from tuners.plants.plant import Figure, Plant
+from tuners.plants.trust import GAUSSIAN, Assessment, Finding, assess
 from tuners.result import Check, Interval
-from tuners.trend import Trend
-from tuners.trust import GAUSSIAN
-from tuners.two_stage import LEARNERS
+from tuners.stages import Stages
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
@@ -71,10 +69,8 @@ class PlantTuner:
     ----------
     plant : Plant
         What it was trained for.
-    compressor : FirstStage
-        First stage.
-    learner : FeedForward, GBM or Trend
-        Second stage.
+    stages : Stages
+        Both, trained.
     black_box : Laguerre
         What the simulator is compared with.
     training : dict
@@ -89,37 +85,60 @@ class PlantTuner:
     def __init__(
         self,
         plant: Plant,
-        compressor: FirstStage,
-        learner: FeedForward | GBM | Trend,
+        stages: Stages,
         black_box: Laguerre,
         training: dict[str, Any],
         calibration: tuple[float, ...] = (),
     ) -> None:
-        self.plant, self.compressor, self.learner = plant, compressor, learner
+        self.plant, self.stages = plant, stages
         self.black_box, self.training = black_box, training
         self.calibration = calibration or (GAUSSIAN,) * len(plant.figures)
 
-    def gains(self, u: Array, y: Array) -> Array:
-        """Gains (B, k) for recordings (1, N) or (B, N) and (B, N); ``nan`` where none is found."""
-        features, usable = self.compressor(u, y, self.plant.Ts)
-        features = np.where(np.isfinite(features), features, 0.0)
-        found = self.plant.coordinates.decode(self.learner(features))
-        return np.where(usable[:, None], found, np.nan)
+    def gains(self, u: Array, y: Array, theta: Array | None = None) -> Array:
+        """Gains (B, k) for inputs (N,), (1, N) or (B, N) and outputs (B, N); ``nan`` where none is.
 
-    def tune(self, u: ArrayLike, y: ArrayLike, Ts: float | None = None) -> PlantResult:
-        """Tune from one recording (N,), (N,), and ask it whether to trust the gains."""
-        command = validation.finite_array("u", u, shape=(None,))
-        measured = validation.finite_array("y", y, shape=(len(command),))[None]
+        Parameters
+        ----------
+        theta : (B, p) float64, optional
+            Parameters of which those that are measured are looked at.
+        """
+        u, beside = np.atleast_2d(u), self._middle(len(y)) if theta is None else theta
+        values, usable = self.stages(u, y, self.plant.Ts, self.plant.shown(beside))
+        return np.where(usable[:, None], self.plant.coordinates.decode(values), np.nan)
+
+    def tune(
+        self,
+        u: ArrayLike,
+        y: ArrayLike,
+        Ts: float | None = None,
+        measured: Mapping[str, float] | None = None,
+        start: str = "auto",
+    ) -> PlantResult:
+        """Tune from one recording (N,), (N,), and ask it whether to trust the gains.
+
+        Parameters
+        ----------
+        Ts : float, optional
+            Sampling time [s]; other than the plant's it is an error.
+        measured : dict, optional
+            Parameters that the plant calls measured to their values.
+        start : {"auto", "rest", "unknown"}
+            Whether the recording starts from rest without offsets, or start and offsets are
+            estimated along; found from the data if not given.  Those of a plant whose
+            responses do not add up start from rest.
+        """
+        command = validation.finite_array("u", u, shape=(None,))[None]
+        output = validation.finite_array("y", y, shape=(command.shape[1],))[None]
         self._check_sampling(Ts)
-        gains = self.gains(command[None], measured)
-        found = self.assess(command, measured, gains)
-        checks = found.checks(0, Limits())
-        same = np.array_equal(command, self.plant.u)
+        theta = self._beside(measured or {})
+        gains, found = self.assess(command, output, theta, start)
+        checks = found.checks(0)
+        same = self.plant.excite is not None or np.array_equal(command[0], self.plant.u)
         return PlantResult(
             self._named(gains[0]),
             self._intervals(found),
             all(check.passed for check in checks),
-            tuple(check.message for check in checks if not check.passed),
+            tuple(dict.fromkeys(check.message for check in checks if not check.passed)),
             () if same else ("The input is not that of the experiment trained on.",),
             self._named(self.fallback),
             dict(zip(self.plant.prior, map(float, found.fit.theta[0]), strict=True)),
@@ -127,9 +146,24 @@ class PlantTuner:
             found.fit.simulated[0],
         )
 
-    def assess(self, u: Array, y: Array, gains: Array) -> Assessment:
-        """What recordings (N,), (B, N) say of gains (B, k)."""
-        return assess(self.plant, self.black_box, u, y, gains)
+    def assess(
+        self, u: Array, y: Array, theta: Array | None = None, start: str = "auto"
+    ) -> tuple[Array, Assessment]:
+        """Gains (B, k) as `tune` gives them, and what recordings as above say of them.
+
+        Parameters
+        ----------
+        theta : (B, p) float64, optional
+            Parameters of which those that are measured are looked at.
+        """
+        u, beside = np.atleast_2d(u), self._middle(len(y)) if theta is None else theta
+        model = black_box(self.plant, self.black_box, u, y, start)
+        gains = self.gains(u, model.y, beside)
+        solved = np.asarray(np.isfinite(gains).all(axis=1))
+        begin = self._middle(len(y))
+        begin[:, self.plant.known] = beside[:, self.plant.known]
+        found = assess(self.plant, model, y, gains, begin, solved)
+        return gains, found.beside(**self._of_measured(begin))
 
     def predict(
         self,
@@ -138,15 +172,22 @@ class PlantTuner:
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[Array, Any]:
-        """Act as a policy in ``yawrate/Plant-v0``: (2, N) or (B, 2, N) to (k,) or (B, k)."""
+        """Act as a policy in ``yawrate/Plant-v0``: (rows, N) or (B, rows, N) to (k,) or (B, k)."""
         array = np.asarray(obs, dtype=np.float64)
         batch = array if array.ndim == 3 else array[None]
-        if batch.ndim != 3 or batch.shape[1:] != (2, len(self.plant.u)):
+        names = self.plant.shown_names
+        shape = (2 + len(names), len(self.plant.u))
+        if batch.ndim != 3 or batch.shape[1:] != shape:
             raise ValueError(
-                f"obs has shape {array.shape}, wanted (2, {len(self.plant.u)}) or a batch of "
-                "these, as yawrate/Plant-v0 gives them for this plant."
+                f"obs has shape {array.shape}, wanted {shape} or a batch of these, as "
+                "yawrate/Plant-v0 gives them for this plant."
             )
-        gains = self.gains(batch[:, 0], batch[:, 1])
+        theta = self._middle(len(batch))
+        for row, name in enumerate(names, start=2):
+            theta[:, tuple(self.plant.prior).index(name)] = batch[:, row, 0]
+        u = batch[:, 0]
+        u = u[:1] if (u == u[:1]).all() else u
+        gains = self.gains(u, batch[:, 1], theta)
         found = np.isfinite(gains).all(axis=1, keepdims=True)
         usable = np.where(found, gains, self.plant.oracle(self.plant.middle))
         return (usable if array.ndim == 3 else usable[0]), state
@@ -173,14 +214,41 @@ class PlantTuner:
             "kind": self.kind,
             "entry": self.plant.entry,
             "plant": _settings(self.plant),
-            "compressor": described(self.compressor),
+            **self.stages.settings(),
             "black_box": described(self.black_box),
-            "learner": {kind: name for name, kind in LEARNERS.items()}[type(self.learner)],
             "training": self.training,
             "calibration": list(self.calibration),
         }
         trial = {f"trial.{name}": array for name, array in _trial(self.plant).items()}
-        model_file.write(path, settings, {**self.learner.arrays(), **trial})
+        model_file.write(path, settings, {**self.stages.learner.arrays(), **trial})
+
+    def _middle(self, count: int) -> Array:
+        return np.tile(self.plant.middle, (count, 1))
+
+    def _beside(self, measured: Mapping[str, float]) -> Array:
+        """Parameters (1, p) with the measured ones in their places."""
+        theta, names = self._middle(1), tuple(self.plant.prior)
+        for name, value in measured.items():
+            validation.one_of("measured parameter", name, tuple(self.plant.measured))
+            theta[0, names.index(name)] = validation.number(name, value)
+        for name in self.plant.measured:
+            low, high = self.plant.prior[name]
+            if name not in measured and low < high:
+                raise ValueError(
+                    f"{name} is needed: this tuner covers {low:g} to {high:g}. Give what was "
+                    f'measured beside the recording, as in measured={{"{name}": {high:g}}}.'
+                )
+        return theta
+
+    def _of_measured(self, theta: Array) -> dict[str, Finding]:
+        """How far measured parameters lie outside what the tuner was made for."""
+        found = {}
+        for i, (name, (low, high)) in enumerate(self.plant.prior.items()):
+            if name in self.plant.measured:
+                beyond = np.maximum(np.maximum(low - theta[:, i], theta[:, i] - high), 0.0)
+                message = f"{name} is not within what the tuner was made for: {low:g} to {high:g}."
+                found[name] = Finding(beyond, self.plant.measured[name], message)
+        return found
 
     def _check_sampling(self, Ts: float | None) -> None:
         if Ts is not None and not np.isclose(Ts, self.plant.Ts, rtol=1e-6):
@@ -224,8 +292,7 @@ def load(path: str | os.PathLike[str], plant: Plant | None = None) -> PlantTuner
     _check_unchanged(path, found, settings["plant"], arrays)
     return PlantTuner(
         found,
-        compressor(**settings["compressor"]),
-        LEARNERS[settings["learner"]].from_arrays(arrays),
+        Stages.from_file(settings, arrays),
         Laguerre(**{k: v for k, v in settings["black_box"].items() if k != "name"}),
         settings["training"],
         tuple(settings["calibration"]),
@@ -238,7 +305,11 @@ def _settings(plant: Plant) -> dict[str, Any]:
         "prior": [[name, *ends] for name, ends in plant.prior.items()],
         "gains": list(plant.gains),
         "Ts": plant.Ts,
-        "figures": [[name, scale] for name, scale in plant.figures.items()],
+        "measured": [[name, slack] for name, slack in plant.measured.items()],
+        "figures": [
+            [name, *(float(plant.figure(of)[i]) for of in Figure.__slots__)]
+            for i, name in enumerate(plant.figures)
+        ],
     }
 
 

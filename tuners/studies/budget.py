@@ -25,9 +25,9 @@ from tuners.compressors import FirstStage
 from tuners.feedforward import FeedForwardSettings
 from tuners.gray_box import GrayBox
 from tuners.laguerre import Laguerre
+from tuners.stages import Recipe
 from tuners.studies import information, nested
 from tuners.studies.rows import HEAD, Row, cells, errors, row
-from tuners.two_stage import Recipe
 from yawrate_env.batch import take
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.episode import Draw

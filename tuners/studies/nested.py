@@ -5,10 +5,11 @@ from dataclasses import replace
 
 from tuners.catalogue import TRAINING_SEED, train
 from tuners.compressors import FirstStage
-from tuners.datasets import Dataset, simulated
-from tuners.two_stage import Recipe, TwoStage
+from tuners.plants.data import Examples, compressed
+from tuners.stages import Recipe
+from tuners.two_stage import TwoStage
+from tuners.yaw_rate import yaw_rate
 from yawrate_env.batch import concatenate, take
-from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.task import Task
 
 Progress = Callable[[int, int], None]
@@ -27,7 +28,7 @@ def simulate(
     compressor: FirstStage,
     draws: Mapping[int, int],
     progress: Progress | None = None,
-) -> list[Dataset]:
+) -> list[Examples]:
     """Data of the ``train`` set, one part a noise draw, enough for all the sizes.
 
     Parameters
@@ -39,8 +40,8 @@ def simulate(
     parts, done = [], 0
     for repeat, count in enumerate(counts):
         blocks = []
-        for rows, _, _ in simulated(
-            task, CONTEXT_SETS["train"], TRAINING_SEED, 0, count, compressor, repeat
+        for rows, _ in compressed(
+            yaw_rate(task), "train", TRAINING_SEED, 0, count, compressor, repeat
         ):
             blocks.append(rows)
             done += len(rows)
@@ -50,15 +51,15 @@ def simulate(
     return parts
 
 
-def first(parts: list[Dataset], vehicles: int, draws: int) -> Dataset:
-    """What `tuners.datasets.simulate_dataset` makes of so many vehicles and noise draws."""
+def first(parts: list[Examples], vehicles: int, draws: int) -> Examples:
+    """What `tuners.plants.data.examples` makes of so many vehicles and noise draws."""
     return concatenate([take(part, slice(0, vehicles)) for part in parts[:draws]])
 
 
 def trained(
     recipe: Recipe,
     task: Task,
-    parts: list[Dataset],
+    parts: list[Examples],
     vehicles: int,
     draws: int,
     progress: Callable[[str, int, int], None] | None = None,

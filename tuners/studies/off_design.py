@@ -15,7 +15,6 @@ from tuners.metrics import bootstrap_interval
 from tuners.recording import Recording
 from tuners.studies.conditions import SWEEPS, Level, Sweep, recorded
 from tuners.studies.trusting import MISS
-from tuners.trust import Limits
 from tuners.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.contexts import CONTEXT_SETS
@@ -178,7 +177,7 @@ def answered(tuner: Tuner, recording: Recording, judge: Judge) -> Array:
     verdict = judge(design.kp, design.Ti)
     margins = np.stack([verdict.margins.phase_margin, verdict.margins.crossover], axis=1)
     margins[~verdict.stable] = np.nan
-    return np.column_stack([margins, verdict.stable, found.trusted(Limits())])
+    return np.column_stack([margins, verdict.stable, found.trusted])
 
 
 def cell(

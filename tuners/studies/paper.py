@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from tuners.armax import Armax, armax, simulated
 from tuners.bound import cramer_rao, posterior_spread
 from tuners.catalogue import RECIPES, UNTRAINED, train
-from tuners.datasets import simulate_dataset
 from tuners.evaluation import Evaluation, evaluate, write_csv
+from tuners.plants.data import examples
 from tuners.recording import Recording
 from tuners.studies import plots
 from tuners.studies.table import bound_row, row, to_json, to_markdown
 from tuners.tuner import Tuner
+from tuners.yaw_rate import yaw_rate
 from yawrate_env import closed_loop
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.episode import Draw, plants, record
@@ -70,9 +71,8 @@ def reproduce(episodes: int, seed: int, results: Path, figures: Path, progress: 
 
 def trained(task: Task, episodes: int, seed: int, progress: Progress) -> dict[str, Tuner]:
     """Every tuner, those of the paper trained on one common data set."""
-    data = simulate_dataset(
-        task,
-        CONTEXT_SETS["train"],
+    data = examples(
+        yaw_rate(task),
         episodes,
         seed,
         Armax(),

@@ -21,8 +21,8 @@ from tuners.gbm import GBMSettings
 from tuners.gray_box import GrayBox
 from tuners.laguerre import Laguerre
 from tuners.metrics import bootstrap_interval, ratio_of_rms
+from tuners.stages import Recipe
 from tuners.tuner import Tuner
-from tuners.two_stage import Recipe
 from yawrate_env.batch import concatenate
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.task import Experiment, Prior, Task

@@ -16,7 +16,6 @@ from tuners.bound import cramer_rao
 from tuners.calibration import assessed
 from tuners.recording import Recording
 from tuners.studies import faults
-from tuners.trust import Limits
 from tuners.tuner import Tuner
 from yawrate_env.batch import take
 from yawrate_env.contexts import CONTEXT_SETS
@@ -96,7 +95,7 @@ def faulty(tuner: Tuner, count: int, seed: int, progress: Progress | None = None
         for i in range(0, count, _BATCH):
             part = slice(i, min(i + _BATCH, count))
             design, found = tuner.assess(made.recording.part(part))
-            trusted.append(found.trusted(Limits()))
+            trusted.append(found.trusted)
             vehicles = made.vehicle if len(made.vehicle) == 1 else made.vehicle[part]
             g, s = _judged(tuner.task, vehicles, take(made.context, part), design.kp, design.Ti)
             good.append(g)
@@ -109,10 +108,11 @@ def faulty(tuner: Tuner, count: int, seed: int, progress: Progress | None = None
 
 def usual(tuner: Tuner, episodes: int, seed: int, progress: Progress | None = None) -> Count:
     """Episodes of the ``test`` set."""
-    good, trusted = [], []
-    for found, actual, done in assessed(tuner, CONTEXT_SETS["test"], episodes, seed):
+    good, trusted, done = [], [], 0
+    for block, found, actual in assessed(tuner, "test", episodes, seed):
+        done += len(block)
         good.append(_good(tuner.task, actual))
-        trusted.append(found.trusted(Limits()))
+        trusted.append(found.trusted)
         if progress is not None:
             progress("usual episodes", done, episodes)
     ok = np.concatenate(good)
@@ -131,7 +131,7 @@ def unusual(tuner: Tuner, count: int, seed: int, progress: Progress | None = Non
             g, s = _judged(tuner.task, (tuner.task.vehicle,), context, design.kp, design.Ti)
             good.append(g)
             stable.append(s)
-            trusted.append(found.trusted(Limits()))
+            trusted.append(found.trusted)
             if progress is not None:
                 progress(name, done + 1, count)
         rows.append(_count(name, *map(np.concatenate, (good, stable, trusted))))
@@ -142,13 +142,13 @@ def coverage(
     tuner: Tuner, episodes: int, seed: int, progress: Progress | None = None
 ) -> list[Coverage]:
     """Intervals on ``test`` episodes: all of them, and each third of friction."""
-    inside, width, bound, friction = [], [], [], []
-    factors = np.array([tuner.calibration.phase_margin, tuner.calibration.crossover])
-    for found, actual, done in assessed(tuner, CONTEXT_SETS["test"], episodes, seed):
-        half = factors * found.spread
-        inside.append(np.abs(actual - found.margins) <= half)
+    inside, width, bound, friction, done = [], [], [], [], 0
+    for block, found, actual in assessed(tuner, "test", episodes, seed):
+        half = tuner.calibration.factors * found.spread
+        inside.append(np.abs(actual - found.figures) <= half)
         width.append(2 * half)
-        draw = CONTEXT_SETS["test"].draw(tuner.task.prior, seed, done - len(half), len(half))
+        draw = CONTEXT_SETS["test"].draw(tuner.task.prior, seed, done, len(half))
+        done += len(block)
         bound.append(2 * 1.6449 * cramer_rao(tuner.task, draw))
         friction.append(draw.context.mu_s)
         if progress is not None:
