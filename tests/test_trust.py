@@ -5,14 +5,20 @@ import pytest
 from recordings import recorded
 
 import tuners
+from tuners.baselines import Oracle
 from tuners.calibration import assessed, calibrate
 from tuners.fallback import LEAST_DISTANCE, fallback, prior_grid
+from tuners.gray_box import GrayBox
 from tuners.plants.black_box import black_box, functions_for
 from tuners.plants.identification import fit, noise_level
 from tuners.plants.trust import GAUSSIAN, conformal
+from tuners.recording import Recording
 from tuners.studies import faults
+from tuners.studies.nonlinear import task_at
 from tuners.trust import Calibration
 from tuners.yaw_rate import theta_of, yaw_rate
+from yawrate_env.contexts import CONTEXT_SETS
+from yawrate_env.episode import record
 from yawrate_env.judge import Judge
 from yawrate_env.task import Prior, Target, Task
 from yawrate_env.vehicle import Context
@@ -53,6 +59,18 @@ def test_what_is_predicted_is_what_happens(name):
     true = np.stack([actual.phase_margin, actual.crossover], axis=1)
     assert (np.abs(found.figures - true) < 4 * found.spread).all()
     assert found.trusted.all()
+
+
+def test_trust_asks_the_twin_that_the_tuner_was_made_for():
+    task = task_at(4.0)
+    draw = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 24)
+    u, y = record(task, draw)
+    driven = Recording(u, np.asarray(y), task.experiment.Ts, draw.context.v_x, draw.context)
+    right, found = Oracle(task).assess(driven)
+    np.testing.assert_allclose(found.fit.theta[:, 0], draw.context.mu_s, rtol=0.03)
+    assert found.trusted.all() and (right.status == 0).all()
+    assert not GrayBox(task).assess(driven)[1].trusted.any()  # its own model is the linear one
+    assert not Oracle(Task(experiment=task.experiment)).assess(driven)[1].trusted.any()
 
 
 def test_one_answer_is_put_in_words():

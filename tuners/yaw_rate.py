@@ -5,15 +5,17 @@ Every tuner for vehicles gets its data, its training, its trust and its interval
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.identification import identify
+from tuners import identification
 from tuners.laguerre import Laguerre
 from tuners.plants.coordinates import PLAIN, Coordinates, loop
+from tuners.plants.identification import identify
 from tuners.plants.pi_loop import GAINS, PILoop
 from tuners.plants.plant import Figure, Plant, Search, snr
 from tuners.recording import Recording
@@ -96,7 +98,7 @@ def yaw_rate(task: Task, coordinates: str = "loop") -> Plant:
         return np.where(found.status[:, None] == Status.OK, gains, np.nan)
 
     linear = isinstance(task.twin, LinearTwin)
-    return Plant(
+    plant = Plant(
         prior={"mu_s": prior.mu_s, "M_delta": prior.M_delta, "v_x": prior.v_x},
         measured={"v_x": SPEED_SLACK},
         simulate=simulate,
@@ -116,10 +118,11 @@ def yaw_rate(task: Task, coordinates: str = "loop") -> Plant:
         crossover=task.target.crossover,
         signals=("steering command [rad]", "yaw rate [rad/s]"),
         record=record,
-        gray_box=_gray_box(task) if linear else None,
-        search_limits=_limits(task) if linear else {},
+        search_limits=_limits(task, linear),
         black_box=BLACK_BOX,
     )
+    compiled = _gray_box(task)
+    return replace(plant, gray_box=compiled if linear else _refined(plant, compiled))
 
 
 def _gray_box(task: Task) -> Search:
@@ -128,15 +131,33 @@ def _gray_box(task: Task) -> Search:
 
     def search(u: Array, y: Array, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
         recording = Recording(u, y, task.experiment.Ts)
-        found = identify(
-            task.vehicle, recording, context_of(theta[:1]), theta[:, 2], (friction, mass)
-        )
+        start, speeds = context_of(theta[:1]), theta[:, 2]
+        found = identification.identify(task.vehicle, recording, start, speeds, (friction, mass))
         return theta_of(found.context), found.converged
 
     return search
 
 
-def _limits(task: Task) -> dict[str, tuple[float, float]]:
-    """Foreign recordings send the search anywhere."""
-    low, high = (mass - task.vehicle.M_0 for mass in _MASS)
-    return {"mu_s": _FRICTION, "M_delta": (low, high)}
+def _refined(plant: Plant, rough: Search) -> Search:
+    """A search by differences that starts from where another one ends."""
+
+    def search(u: Array, y: Array, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
+        start = np.clip(rough(u, y, theta)[0], *plant.limits)
+        start[:, plant.known] = theta[:, plant.known]
+        found = identify(plant, u, y, start, beyond=True)
+        return found.theta, found.converged
+
+    return search
+
+
+def _limits(task: Task, linear: bool) -> dict[str, tuple[float, float]]:
+    """How far the searches go: a vehicle may be lighter than the lightest of the prior.
+
+    The compiled one goes anywhere that foreign recordings send it.
+    """
+    lightest, heaviest = (mass - task.vehicle.M_0 for mass in _MASS)
+    if linear:
+        return {"mu_s": _FRICTION, "M_delta": (lightest, heaviest)}
+    low, high = task.prior.M_delta
+    spare = (high - low) / 2
+    return {"M_delta": (max(low - spare, lightest), high + spare)}
