@@ -38,6 +38,8 @@ plant = plants.Plant(
     u=prbs(N=2000, Ts=TS, bit_time=0.05, amplitude=6.0)[0],
     Ts=TS,
     noise=1.0,  # rad/s, of a tachometer
+    linear=True,
+    crossover=target.crossover,
     signals=("voltage [V]", "speed [rad/s]"),
     entry="dc_motor:plant",
 )

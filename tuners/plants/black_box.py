@@ -25,9 +25,10 @@ from yawrate_env import validation
 Array = NDArray[np.float64]
 
 STARTS = ("auto", "rest", "unknown")
-ORDER = 16
+ORDERS = (16, 24, 32)
 
-_PLANTS, _POLES = 16, 25
+_PLANTS, _MORE_PLANTS, _POLES = 16, 64, 25
+_HIDDEN = 4.0  # of the noise's variance, where a start has some twenty unknowns
 _SAMPLES = 10  # for each function, at least
 _SIGNIFICANT = 4.0  # standard deviations of the statistic under rest
 _LARGEST_KEPT = 20_000  # samples: 3 MB
@@ -78,8 +79,26 @@ class BlackBox:
 
 
 def functions_for(plant: Plant) -> Laguerre:
-    """Functions that explain the plant's recordings: its own, or some that suit it."""
-    return plant.black_box or suited(plant, min(ORDER, len(plant.u) // _SAMPLES))
+    """Functions that explain the plant's recordings: its own, or so many as are needed.
+
+    Of a linear plant they may leave no more over than noise hides: a free response would
+    take that for its own, and a recording from rest look as if it began in mid-drive.
+    """
+    if plant.black_box is not None:
+        return plant.black_box
+    for order in ORDERS:
+        functions = suited(plant, min(order, len(plant.u) // _SAMPLES))
+        if not plant.linear or functions.order < order or _hidden(plant, functions):
+            break
+    return functions
+
+
+def _hidden(plant: Plant, functions: Laguerre) -> bool:
+    """Whether noise hides what free responses would explain of the prior's clean outputs."""
+    y = plant.respond(sample(plant, _MORE_PLANTS))
+    fits = (black_box(plant, functions, plant.u[None], y, start) for start in ("rest", "unknown"))
+    rest, moving = (fit.residual for fit in fits)
+    return bool((rest - moving <= _HIDDEN * plant.sigma(y) ** 2).all())
 
 
 def suited(plant: Plant, order: int) -> Laguerre:

@@ -216,9 +216,20 @@ def noise_level(residual: Array, Ts: float, crossover: float | None) -> Array:
     if crossover is None:
         return np.asarray(overall)
     N = residual.shape[1]
-    low, high = (max(round(f * crossover * N * Ts), 1) for f in _BAND)
-    power = (np.abs(np.fft.rfft(residual)[:, low : high + 1]) ** 2).mean(axis=1) / N
+    power = (np.abs(np.fft.rfft(residual)[:, _band(N, Ts, crossover)]) ** 2).mean(axis=1) / N
     return np.asarray(np.where(power > _COLOURED * overall, power, overall))
+
+
+def most_coloured(N: int, Ts: float, crossover: float) -> float:
+    """How many times stronger than white noise a residual is with all its power in the band."""
+    band = _band(N, Ts, crossover)
+    return float((N // 2) / (min(band.stop, N // 2 + 1) - band.start))
+
+
+def _band(N: int, Ts: float, crossover: float) -> slice:
+    """Around the crossover, in a residual's Fourier transform."""
+    low, high = (max(round(f * crossover * N * Ts), 1) for f in _BAND)
+    return slice(min(low, N // 2), high + 1)
 
 
 def _signals(plant: Plant, theta: Array, model: BlackBox) -> tuple[Array, Array]:

@@ -123,8 +123,9 @@ def train(
     """
     if calibration:
         validation.count("calibration", calibration, at_least=50, remedy="Simulate more.")
+    recipe = recipe or recipe_for(plant)
     stages, training = fit(
-        plant, recipe or recipe_for(plant), count=count, seed=seed, progress=progress
+        plant, recipe, count=count, seed=seed, name=PlantTuner.kind, progress=progress
     )
     tuner = PlantTuner(plant, stages, functions_for(plant), training)
     if calibration:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.plants.black_box import BlackBox
-from tuners.plants.identification import Fit, central, fit
+from tuners.plants.identification import Fit, central, fit, most_coloured
 from tuners.plants.plant import Plant
 from tuners.result import Check
 
@@ -49,7 +49,8 @@ class Limits:
     noise : float
         Residual over simulated output, root mean squares.
     colour : float
-        Power of the residual around the crossover over that of white noise.
+        Power of the residual around the crossover over that of white noise; half of all its
+        power there if that is less.
     outside : float
         Distance of the fitted plant from the prior in widths of its ranges, beyond what
         noise can do.
@@ -169,14 +170,13 @@ def assess(
         error = np.abs(figures - plant.wanted(found.theta))
         J = central(plant, found.theta, lambda t: plant.judged(t, sides[: len(t)]), _STEP)
         spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, found.covariance, J))
-        of_recordings = _of_recordings(plant, model, found)
         solved = solved & found.converged & np.isfinite(gains).all(axis=1)
-    findings = {
-        **_of_figures(plant, "spread", spread, _INFORMATION),
-        **_named(of_recordings),
-        **_of_figures(plant, "error", error, _MISSED),
-        **_named({"unsolved": np.where(solved, 0.0, 1.0)}),
-    }
+        findings = {
+            **_of_figures(plant, "spread", spread, _INFORMATION),
+            **_of_recordings(plant, model, found),
+            **_of_figures(plant, "error", error, _MISSED),
+            "unsolved": _finding("unsolved", np.where(solved, 0.0, 1.0)),
+        }
     return Assessment(model, found, figures, spread, findings)
 
 
@@ -187,12 +187,7 @@ def _of_figures(plant: Plant, what: str, values: Array, message: str) -> dict[st
     return {f"{name}_{what}": Finding(v, float(limit), message) for name, v, limit in parts}
 
 
-def _named(values: dict[str, Array]) -> dict[str, Finding]:
-    limits = Limits()
-    return {n: Finding(v, getattr(limits, n), MESSAGES[n]) for n, v in values.items()}
-
-
-def _of_recordings(plant: Plant, model: BlackBox, found: Fit) -> dict[str, Array]:
+def _of_recordings(plant: Plant, model: BlackBox, found: Fit) -> dict[str, Finding]:
     """What black box and fitted plant leave over, and how they differ."""
     residual, simulated = found.residual, found.simulated
     values = {
@@ -200,11 +195,18 @@ def _of_recordings(plant: Plant, model: BlackBox, found: Fit) -> dict[str, Array
         "noise": np.sqrt((residual**2).mean(axis=1) / simulated.var(axis=1)),
         "outside": _outside(plant, found),
     }
+    findings = {name: _finding(name, value) for name, value in values.items()}
     if plant.crossover is not None:
-        values["colour"] = found.noise / (residual**2).mean(axis=1) / model.oversampled
+        colour = found.noise / (residual**2).mean(axis=1) / model.oversampled
+        most = most_coloured(residual.shape[1], model.Ts, plant.crossover)
+        findings["colour"] = _finding("colour", colour, most / 2)
         if plant.linear:
-            values["response"] = _response(plant.crossover, model, found)
-    return {name: values[name] for name in MESSAGES if name in values}
+            findings["response"] = _finding("response", _response(plant.crossover, model, found))
+    return {name: findings[name] for name in MESSAGES if name in findings}
+
+
+def _finding(name: str, values: Array, at_most: float = np.inf) -> Finding:
+    return Finding(values, min(getattr(Limits(), name), at_most), MESSAGES[name])
 
 
 def _misfit(plant: Plant, model: BlackBox, found: Fit) -> Array:
@@ -246,5 +248,7 @@ def conformal(predicted: Array, spread: Array, actual: Array, level: float = LEV
     The factor is the ceil((E + 1) level)-th smallest scaled error, which makes intervals
     hold with probability `level` or more whatever the errors' distribution.
     """
-    scores = np.sort(np.abs(actual - predicted) / spread, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scores = np.abs(actual - predicted) / spread
+    scores = np.sort(np.where(actual == predicted, 0.0, scores), axis=0)  # 0/0: it was certain
     return np.asarray(scores[int(np.ceil((len(scores) + 1) * level)) - 1])
