@@ -9,7 +9,7 @@ import torch
 from matplotlib.figure import Figure
 from scipy.stats import trim_mean
 
-from tuners import rl, rl_training
+from tuners import palette, rl, rl_training
 from tuners.evaluation import Evaluation
 from tuners.studies import comparison, curve_plots, plots
 from tuners.studies.comparison import Score, curve, interquartile_mean, interval
@@ -207,16 +207,16 @@ def texts(axes):
 
 def test_learning_curves_show_all_but_the_oracle():
     figure = curve_plots.learning_curves(all_scores())
-    assert isinstance(figure, Figure) and figure.get_figwidth() == plots.WIDTH
+    assert isinstance(figure, Figure) and figure.get_figwidth() == palette.WIDTH
     for axes, first in zip(figure.axes, (99 / 500, 9 / 500), strict=True):
         assert axes.get_xscale() == axes.get_yscale() == "log"
         assert texts(axes) == ["gb", "ts-ff", "nominal", "sac-laguerre"]  # from below
         drawn = {line.get_color(): line for line in axes.get_lines()}
-        agent = drawn[plots.colour("sac-laguerre")]
+        agent = drawn[palette.colour("sac-laguerre")]
         assert list(agent.get_xdata()) == [500, 1000, 2000]
         assert agent.get_ydata()[0] == pytest.approx(first + 1)
-        assert drawn[plots.colour("ts-ff")].get_marker() == "o"
-        assert list(drawn[plots.colour("gb")].get_ydata()) == [1e-4] * 2
+        assert drawn[palette.colour("ts-ff")].get_marker() == "o"
+        assert list(drawn[palette.colour("gb")].get_ydata()) == [1e-4] * 2
         assert len(axes.collections) == 1  # the agent's band
         low, high = axes.get_ylim()
         assert low < 1e-4 and high > 2

@@ -9,6 +9,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.path import Path
 
+from tuners import palette
 from tuners.studies import plots
 
 NAMES = ("gb", "ts-ff", "ts-gbm")
@@ -74,7 +75,7 @@ def test_labels_have_units_and_settings_stay(name):
     before = dict(matplotlib.rcParams)
     figure = FIGURES[name]()
     assert dict(matplotlib.rcParams) == before
-    assert isinstance(figure, Figure) and figure.get_figwidth() == plots.WIDTH
+    assert isinstance(figure, Figure) and figure.get_figwidth() == palette.WIDTH
     written = [label for label in labels(figure) if label]
     assert written
     assert all("[" in label for label in written)
@@ -115,7 +116,7 @@ def test_pyplot_is_not_imported():
 
 
 def test_a_tuner_has_one_colour_in_every_figure():
-    expected = [plots.colour(name) for name in NAMES]
+    expected = [palette.colour(name) for name in NAMES]
     assert len(set(expected)) == 3
     above = regression(estimates()).axes[:3]
     assert [dot_colours(axes)[0] for axes in above] == expected
@@ -127,7 +128,7 @@ def test_a_tuner_has_one_colour_in_every_figure():
 
 
 def test_unknown_tuners_have_a_colour_too():
-    assert plots.colour("mine.tuner") == plots.colour("mine.tuner") in plots.OTHER_COLOURS
+    assert palette.colour("mine.tuner") == palette.colour("mine.tuner") in palette.OTHER_COLOURS
 
 
 def test_identification_shows_degrees_and_where_the_model_errs():

@@ -12,6 +12,7 @@ from recordings import ROOT, drawn, recorded
 from scipy.signal import welch
 
 import tuners
+from tuners import palette
 from tuners.bound import cramer_rao
 from tuners.studies import conditions, off_design, off_design_page, pictures, plots
 from tuners.studies.conditions import SPEED, SWEEPS
@@ -229,7 +230,7 @@ def test_picture_has_a_panel_a_condition(cells, tmp_path):
         assert len(axes.get_xticks()) == len(sweep.levels)
         assert len(axes.collections) == (len(sweep.levels) if sweep.bounded else 1)
     (cross,) = (line for axes in panels for line in axes.get_lines() if line.get_marker() == "x")
-    assert to_hex(cross.get_color()) == plots.colour("ts-ff").lower()
+    assert to_hex(cross.get_color()) == palette.colour("ts-ff").lower()
     for axes, sweep in zip(panels, SWEEPS, strict=True):
         dots = [line for line in axes.get_lines() if line.get_marker() == "o"]
         hollow = [line.get_markerfacecolor() == "white" for line in dots]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from tuners.benchmark.stages import ANSWERS, TUNERS
 from tuners.benchmark.stopwatch import PACKAGES
-from tuners.studies.plots import INK, STYLE, WIDTH, colour
+from tuners.palette import INK, STYLE, WIDTH, colour
 
 MARKERS = ("o", "s", "^")
 

@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
+from tuners.palette import COLOURS, INK, NOISE, STYLE, WIDTH
 from tuners.plants.evaluation import GRAY_BOX, NOMINAL, TUNER, Comparison
 from tuners.plants.plant import Plant
-from tuners.studies.plots import COLOURS, INK, NOISE, STYLE, WIDTH
 from yawrate_env import rendering
 
 Array = NDArray[np.float64]

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from tuners.palette import DPI
 from tuners.plants.data import episodes
 from tuners.plants.evaluation import (
     GRAY_BOX,
@@ -26,7 +27,6 @@ from tuners.plants.plant import Plant
 from tuners.plants.training import train
 from tuners.plants.tuner import PlantTuner
 from tuners.progress import Bars
-from tuners.studies.plots import DPI
 from yawrate_env import validation
 from yawrate_env.files import replacing, write_text
 

@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
+from tuners.palette import INK, STYLE, WIDTH, colour
 from tuners.studies.comparison import Score, curve
-from tuners.studies.plots import INK, STYLE, WIDTH, colour
 
 _LINE = 0.065  # height of a name, as a share of the panel's
 

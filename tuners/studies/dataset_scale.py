@@ -140,7 +140,7 @@ def picture(result: dict[str, Any]) -> Any:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    from tuners.studies.plots import COLOURS, INK, STYLE, WIDTH
+    from tuners.palette import COLOURS, INK, STYLE, WIDTH
 
     sizes, line = result["sizes"], result["line"]
     n, seconds, peak = (

@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
+from tuners.palette import INK, STYLE, WIDTH, colour
 from tuners.studies.curve_plots import name_ends
 from tuners.studies.learning import BOUND
-from tuners.studies.plots import INK, STYLE, WIDTH, colour
 from tuners.studies.rows import Row
 
 

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
+from tuners.palette import INK, STYLE, WIDTH
 from tuners.studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, Score, task_at
 from tuners.studies.nonlinear_speed import driven
-from tuners.studies.plots import INK, STYLE, WIDTH
 from yawrate_env import rendering
 from yawrate_env.episode import excitation
 from yawrate_env.nonlinear import Tyre

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from tuners.palette import INK, STYLE, WIDTH, colour
 from tuners.studies.conditions import SPEED, SWEEPS, Sweep
 from tuners.studies.off_design import Cell
 from tuners.studies.off_design_page import shown_level
-from tuners.studies.plots import INK, STYLE, WIDTH, colour
 from tuners.studies.schedule import Bin, Price, Schedule
 from tuners.studies.trusting import MISS
 
