@@ -170,6 +170,16 @@ def test_a_parameter_that_is_a_point_is_known():
     assert found.parameters == {"K": 1.0, "T": 0.4} and not found.trusted
 
 
+def test_where_no_gains_suit_everyone_there_is_no_fallback(linear):
+    def judge(theta, gains):
+        off = gains[:, :1] / design(theta)[:, :1] - 1
+        return np.where(np.abs(off) < 0.2, off, np.nan)
+
+    stubborn = described(judge=judge, figures={"gain": 1.0})
+    tuner = plants.PlantTuner(stubborn, linear.stages, linear.black_box, {})
+    assert np.isnan(tuner.fallback).all()
+
+
 def test_what_may_be_trusted_is_the_plants_to_say(linear):
     strict = described(
         judge=lambda theta, gains: gains[:, :1] / design(theta)[:, :1],

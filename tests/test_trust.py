@@ -16,6 +16,7 @@ from tuners.recording import Recording
 from tuners.studies import faults
 from tuners.studies.nonlinear import task_at
 from tuners.trust import Calibration
+from tuners.words import instead
 from tuners.yaw_rate import theta_of, yaw_rate
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.episode import record
@@ -146,6 +147,15 @@ def test_the_fallback_is_stable_for_the_whole_prior(task):
     everyone = prior_grid(task.prior, 25, 25, 25)
     verdict = Judge.of(task, everyone)(np.full(len(everyone), kp), np.full(len(everyone), Ti))
     assert verdict.stable.all() and verdict.margins.modulus_margin.min() > LEAST_DISTANCE - 0.01
+
+
+def test_where_no_gains_are_safe_for_everyone_that_is_said():
+    hard = Task(target=Target(phase_margin=20.0, crossover=10.0, delay_samples=5))
+    assert np.isnan(fallback(hard)).all()
+    recording = recorded(1)
+    result = GrayBox(hard).tune(recording.u[0], recording.y[0], 0.001)
+    assert np.isnan(result.fallback).all() and np.isfinite(result.kp)
+    assert "No gains are stable for every vehicle" in instead(result.fallback)
 
 
 def test_assessments_come_in_parts_that_do_not_matter():

@@ -109,7 +109,7 @@ class TuningResult:
         Why not, in words.
     fallback : tuple of float
         (kp, Ti) that are stable for every vehicle of the prior: what to use instead of
-        gains that are not trusted.
+        gains that are not trusted; ``nan`` where none are.
     checks : tuple of Check
         What was looked at.
     fit : TwinFit or None

@@ -9,7 +9,7 @@ import numpy as np
 from tuners.forms import Forms
 from tuners.logs import Log
 from tuners.result import TuningResult
-from tuners.words import between
+from tuners.words import between, instead
 from yawrate_env.task import Task
 
 
@@ -69,11 +69,8 @@ def as_text(result: TuningResult, log: Log, task: Task) -> str:
     if result.trusted:
         lines += [*shown, "", "Trusted: every check passed."]
     else:
-        kp, Ti = result.fallback
         lines += ["NOT TRUSTED", *(f"  - {reason}" for reason in result.reasons), "", *shown, ""]
-        lines.append(
-            f"Stable for every vehicle that the tuner was made for: kp {kp:.4g} s, Ti {Ti:.4g} s."
-        )
+        lines.append(instead(result.fallback))
     notes = (*log.notes, *result.notes)
     if notes:
         lines += ["", "Notes", *(f"  - {note}" for note in notes)]

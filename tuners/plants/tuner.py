@@ -21,6 +21,7 @@ from tuners.plants.trust import GAUSSIAN, Assessment, Finding, assess
 from tuners.result import Check, Interval
 from tuners.stages import Stages
 from yawrate_env import validation
+from yawrate_env.reward import UNSTABLE
 
 Array = NDArray[np.float64]
 
@@ -194,14 +195,20 @@ class PlantTuner:
 
     @cached_property
     def fallback(self) -> Array:
-        """Gains (k,), right for some plant, that earn most with the plant they suit least."""
+        """Gains (k,), right for some plant, that earn most with the plant they suit least.
+
+        ``nan`` where every such plant makes some other one unstable.
+        """
         theta = sample(self.plant, _CANDIDATES)
         gains = self.plant.oracle(theta)
         gains = gains[np.isfinite(gains).all(axis=1)]
         each = len(theta)
         pairs = np.repeat(gains, each, axis=0)
         earned = self.plant.reward(np.tile(theta, (len(gains), 1)), pairs)
-        return np.asarray(gains[np.argmax(earned.reshape(len(gains), each).min(axis=1))])
+        least = earned.reshape(len(gains), each).min(axis=1)
+        if not (least > UNSTABLE).any():
+            return np.full(len(self.plant.gains), np.nan)
+        return np.asarray(gains[np.argmax(least)])
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one file, completely or not at all; the plant itself stays where its entry says."""

@@ -14,7 +14,7 @@ from tuners.report import figures
 from tuners.report.loops import Loop
 from tuners.report.residuals import Correlation, autocorrelation, cross_correlation
 from tuners.result import TuningResult, TwinFit
-from tuners.words import between
+from tuners.words import between, instead
 from yawrate_env.files import write_text
 from yawrate_env.task import Task
 
@@ -69,7 +69,7 @@ def render(result: TuningResult, log: Log, task: Task, tuner: str) -> str:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"between": between, "minus": minus}
+    environment.filters |= {"between": between, "instead": instead, "minus": minus}
     page = environment.from_string(template).render(
         result=result,
         log=log,
