@@ -77,7 +77,8 @@ def test_an_episode_has_one_step():
     "do, words",
     [
         (lambda env: env.reset(options={"mass": 1.0}), "mass"),
-        (lambda env: env.reset(options={"K": np.nan}), "K = nan"),
+        (lambda env: env.reset(options={"K": np.nan}), "K has nan"),
+        (lambda env: env.reset(options={"K": [1.0, 2.0]}), "K has 2 values: give one, or 1"),
         (lambda env: env.step(np.ones(3)), "action has shape"),
         (lambda env: env.step(np.array([np.nan, 1.0])), "every value must be finite"),
     ],
@@ -89,13 +90,35 @@ def test_mistakes_are_named(do, words):
         do(env)
 
 
-def test_several_run_side_by_side():
-    kwargs = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    envs = gymnasium.make_vec(yawrate_env.PLANT_ID, 3, "sync", plant=ENTRY, vector_kwargs=kwargs)
-    obs, _ = envs.reset(seed=5)
-    np.testing.assert_array_equal(obs[1], make().reset(seed=6)[0])
-    _, reward, terminated, *_ = envs.step(envs.action_space.sample())
-    assert terminated.all() and ((reward >= -5) & (reward <= 0)).all()
+def test_a_batch_is_what_the_scalars_are():
+    envs, ones = gymnasium.make_vec(yawrate_env.PLANT_ID, 3, plant=ENTRY), [make() for _ in "123"]
+    assert envs.unwrapped.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
+    obs, info = envs.reset(seed=5, options={"T": [0.3, 0.4, 0.5]})
+    expected = [e.reset(seed=5 + i, options={"T": 0.3 + 0.1 * i}) for i, e in enumerate(ones)]
+    np.testing.assert_array_equal(obs, [first for first, _ in expected])
+    for _ in range(2):
+        before, actions = obs, envs.action_space.sample()
+        obs, reward, terminated, truncated, info = envs.step(actions)
+        results = [one.step(action) for one, action in zip(ones, actions, strict=True)]
+        np.testing.assert_allclose(reward, [r for _, r, *_ in results], rtol=1e-12)
+        assert terminated.all() and not truncated.any()
+        for i, (*_, last) in enumerate(results):
+            own = {name: info["final_info"][name][i] for name in last}
+            assert own == pytest.approx(last, nan_ok=True)
+        np.testing.assert_array_equal(np.stack(info["final_obs"]), before)
+        np.testing.assert_array_equal(obs, [one.reset()[0] for one in ones])
+
+
+def test_part_of_a_batch_is_reset():
+    envs = gymnasium.make_vec(yawrate_env.PLANT_ID, 3, plant=ENTRY)
+    before, _ = envs.reset(seed=1)
+    after, _ = envs.reset(options={"reset_mask": np.array([False, True, False]), "K": 1.0})
+    np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
+    assert (after[1] != before[1]).any()
+    *_, info = envs.step(envs.action_space.sample())
+    assert info["final_info"]["K"][1] == 1.0 != info["final_info"]["K"][0]
+    with pytest.raises(ValueError, match=r"action has shape \(2, 2\)"):
+        envs.step(np.ones((2, 2)))
 
 
 def test_actions_reach_what_the_prior_needs_and_no_constant_is_a_point():

@@ -37,4 +37,8 @@ if FEATURES_ID not in registry:
     )
 
 if PLANT_ID not in registry:
-    register(id=PLANT_ID, entry_point="tuners.plants.env:PlantEnv")
+    register(
+        id=PLANT_ID,
+        entry_point="tuners.plants.env:PlantEnv",
+        vector_entry_point="tuners.plants.env:PlantVectorEnv",
+    )

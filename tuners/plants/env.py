@@ -1,5 +1,7 @@
 """``yawrate/Plant-v0``: any described plant as a one-step Gymnasium environment."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
@@ -11,16 +13,17 @@ from numpy.typing import NDArray
 from tuners.plants.data import Draw, sample, words_of
 from tuners.plants.entry import find
 from tuners.plants.plant import Plant
-from yawrate_env import validation
+from yawrate_env import interaction, validation
+from yawrate_env.one_step import Observation, OneStepVectorEnv
 
-Observation = NDArray[np.float32]
+Array = NDArray[np.float64]
 
 _LARGEST = 1e30  # finite, as agents want it, and beyond any unit
 _PLANTS = 256
 _SPARE = 0.25  # of the range that the prior's plants need, on either side
 
 
-class PlantEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
+class PlantEnv(gymnasium.Env[Observation, Array]):
     """See one recorded experiment on an unknown plant; answer with its controller's gains.
 
     | space | shape | content |
@@ -44,10 +47,9 @@ class PlantEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
     def __init__(self, plant: str | Plant) -> None:
         self.plant = find(plant)
-        shape = (2 + len(self.plant.shown_names), len(self.plant.u))
-        self.observation_space: Any = Box(-_LARGEST, _LARGEST, shape, dtype=np.float32)
+        self.observation_space: Any = observation_space(self.plant)
         self.action_space: Any = action_space(self.plant)
-        self._theta: NDArray[np.float64] | None = None
+        self._theta: Array | None = None
         self._obs: Observation | None = None
 
     def reset(
@@ -56,40 +58,107 @@ class PlantEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         """Draw a plant and record the experiment; `options` pin parameters by name."""
         super().reset(seed=seed)
         words = self.np_random.bit_generator.random_raw(words_of(self.plant))[None]
-        draw = Draw.of(self.plant, words)
-        names = tuple(self.plant.prior)
-        for name, value in (options or {}).items():
-            validation.one_of("options' parameter", name, names)
-            draw.theta[0, names.index(name)] = validation.number(name, value)
-        y = self.plant.measure(draw.theta, draw.u, draw.keys, self.np_random)
-        self._theta, self._obs = draw.theta, observation(self.plant, draw.u, y, draw.theta)[0]
+        fixed = pinned(self.plant, interaction.mapping(options), 1)
+        self._theta, obs = begun(self.plant, words, fixed, self.np_random)
+        self._obs = obs[0]
         return self._obs.copy(), {}
 
-    def step(
-        self, action: NDArray[np.float64]
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Judge the gains."""
         if self._theta is None or self._obs is None:
             raise ResetNeeded("An episode has one step. Call reset() before the next step().")
-        plant, theta = self.plant, self._theta
-        given = validation.finite_array("action", action, shape=(len(plant.gains),))
-        gains = np.clip(given, self.action_space.low, self.action_space.high)[None]
-        figures, oracle = plant.judged(theta, gains)[0], plant.oracle(theta)[0]
-        info = {
-            **dict(zip(plant.gains, gains[0].tolist(), strict=True)),
-            "clipped": bool((gains[0] != given).any()),
-            "stable": not bool(np.isnan(figures).any()),
-            **dict(zip(plant.figures, figures.tolist(), strict=True)),
-            **{f"oracle_{n}": g for n, g in zip(plant.gains, oracle.tolist(), strict=True)},
-            **dict(zip(plant.prior, theta[0].tolist(), strict=True)),
-        }
+        given = validation.finite_array("action", action, shape=(len(self.plant.gains),))
+        reward, info = outcome(self.plant, self.action_space, self._theta, given[None])
         self._theta = None
-        return self._obs.copy(), float(plant.reward(theta, gains)[0]), True, False, info
+        scalar = {name: values[0].item() for name, values in info.items()}
+        return self._obs.copy(), float(reward[0]), True, False, scalar
 
 
-def observation(
-    plant: Plant, u: NDArray[np.float64], y: NDArray[np.float64], theta: NDArray[np.float64]
-) -> Observation:
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """The plants (B, p) of episodes that wait for gains."""
+
+    theta: Array
+
+
+class PlantVectorEnv(OneStepVectorEnv[Drawn]):
+    """`num_envs` of `PlantEnv` in one batch of simulations, reset in the same step.
+
+    What is random inside the simulator itself comes from the first sub-environment's
+    generator; all else is each one's own.
+    """
+
+    def __init__(self, num_envs: int = 1, *, plant: str | Plant) -> None:
+        self.plant = find(plant)
+        self.words = words_of(self.plant)
+        super().__init__(num_envs, observation_space(self.plant), action_space(self.plant))
+
+    def pinned(self, options: Mapping[str, Any]) -> dict[str, Array]:
+        """Parameters (num_envs,) by name."""
+        return pinned(self.plant, options, self.num_envs)
+
+    def begin(
+        self, words: NDArray[np.uint64], fixed: Mapping[str, Array]
+    ) -> tuple[Drawn, Observation]:
+        """Draw and record."""
+        theta, obs = begun(self.plant, words, fixed, self.np_random[0])
+        return Drawn(theta), obs
+
+    def judge(self, drawn: Drawn, actions: Any) -> tuple[Array, dict[str, NDArray[Any]]]:
+        """Figures, rewards and the truth."""
+        shape = (self.num_envs, len(self.plant.gains))
+        given = validation.finite_array("action", actions, shape=shape)
+        return outcome(self.plant, self.single_action_space, drawn.theta, given)
+
+
+def pinned(plant: Plant, options: Mapping[str, Any], count: int) -> dict[str, Array]:
+    """Parameters that the options of ``reset`` pin, (count,) each."""
+    values: dict[str, Array] = {}
+    for name, value in options.items():
+        validation.one_of("options' parameter", name, tuple(plant.prior))
+        array = np.atleast_1d(validation.real_array(name, value)).astype(np.float64)
+        validation.finite_array(name, array, shape=(None,))
+        if len(array) not in (1, count):
+            raise ValueError(f"options' {name} has {len(array)} values: give one, or {count}.")
+        values[name] = np.broadcast_to(array, (count,))
+    return values
+
+
+def begun(
+    plant: Plant, words: NDArray[np.uint64], fixed: Mapping[str, Array], rng: np.random.Generator
+) -> tuple[Array, Observation]:
+    """Parameters (B, p) and observations (B, 2 + m, N) of recorded experiments."""
+    draw = Draw.of(plant, words)
+    for name, values in fixed.items():
+        draw.theta[:, tuple(plant.prior).index(name)] = values
+    y = plant.measure(draw.theta, draw.u, draw.keys, rng)
+    return draw.theta, observation(plant, draw.u, y, draw.theta)
+
+
+def outcome(
+    plant: Plant, space: Box, theta: Array, actions: Array
+) -> tuple[Array, dict[str, NDArray[Any]]]:
+    """Rewards (B,) of actions (B, k), and all that there is to know, arrays (B,)."""
+    gains = np.clip(actions, space.low, space.high)
+    figures, oracle = plant.judged(theta, gains), plant.oracle(theta)
+    info = {
+        **dict(zip(plant.gains, gains.T, strict=True)),
+        "clipped": (gains != actions).any(axis=1),
+        "stable": ~np.isnan(figures).any(axis=1),
+        **dict(zip(plant.figures, figures.T, strict=True)),
+        **{f"oracle_{name}": values for name, values in zip(plant.gains, oracle.T, strict=True)},
+        **dict(zip(plant.prior, theta.T, strict=True)),
+    }
+    return plant.reward(theta, gains), info
+
+
+def observation_space(plant: Plant) -> Box:
+    """Rows: input, measured output, and what is measured beside them."""
+    shape = (2 + len(plant.shown_names), len(plant.u))
+    return Box(-_LARGEST, _LARGEST, shape, dtype=np.float32)
+
+
+def observation(plant: Plant, u: Array, y: Array, theta: Array) -> Observation:
     """(B, 2 + m, N) of recordings (1 or B, N), (B, N) and parameters (B, p)."""
     names = tuple(plant.prior)
     beside = [theta[:, names.index(name)] for name in plant.shown_names]
