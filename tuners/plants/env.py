@@ -149,7 +149,7 @@ def outcome(
         **{f"oracle_{name}": values for name, values in zip(plant.gains, oracle.T, strict=True)},
         **dict(zip(plant.prior, theta.T, strict=True)),
     }
-    return plant.reward(theta, gains), info
+    return plant.earned(figures - plant.wanted(theta)), info
 
 
 def observation_space(plant: Plant) -> Box:

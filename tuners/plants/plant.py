@@ -294,7 +294,11 @@ class Plant:
 
     def reward(self, theta: Array, gains: Array) -> Array:
         """Reward (B,) between -5 and 0, graded as the yaw-rate environment's is."""
-        e = np.sqrt(((self.errors(theta, gains) / self.figure("scale")) ** 2).sum(axis=1))
+        return self.earned(self.errors(theta, gains))
+
+    def earned(self, errors: Array) -> Array:
+        """Reward (B,) of figures' distances from those wanted (B, f)."""
+        e = np.sqrt(((errors / self.figure("scale")) ** 2).sum(axis=1))
         return np.where(np.isnan(e), UNSTABLE, graded(e))
 
     def _each(self, function: Callable[..., Any], width: int, *arrays: Array) -> Array:
