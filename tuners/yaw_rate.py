@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from tuners import identification
 from tuners.laguerre import Laguerre
 from tuners.plants.coordinates import PLAIN, Coordinates, loop
+from tuners.plants.figure import Figure
 from tuners.plants.identification import identify
 from tuners.plants.pi_loop import GAINS, PILoop
-from tuners.plants.plant import Figure, Plant, Search, snr
+from tuners.plants.plant import Plant, Search, snr
 from tuners.recording import Recording
 from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.design import Status

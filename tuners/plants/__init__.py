@@ -6,7 +6,8 @@
 
 from tuners.plants.coordinates import LOG, Coordinates, loop
 from tuners.plants.entry import find
-from tuners.plants.plant import Figure, Plant, snr
+from tuners.plants.figure import Figure
+from tuners.plants.plant import Plant, snr
 from tuners.plants.training import train
 from tuners.plants.tuner import PlantResult, PlantTuner, load
 

@@ -9,10 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tuners.laguerre import Laguerre
+from tuners.plants.checks import check_functions, check_settings
 from tuners.plants.coordinates import LOG, Coordinates
+from tuners.plants.figure import Figure
 from yawrate_env import validation
 from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.noise import add_white_noise
@@ -24,39 +26,7 @@ Noise = float | Callable[[Array], Array]
 Search = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]
 Range = tuple[float, float]
 
-RELATIVE_ERROR = 0.3
-"""Of a gain: what counts as one where the plant has no judge."""
-
 _MARGIN = 0.5  # of a range's width, by which the search for parameters may leave the prior
-_ERROR, _SPREAD = 0.2, 0.1  # of a figure's scale: what is trusted if nothing else is said
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """How one of the figures counts by which gains are judged, all in its own unit.
-
-    Attributes
-    ----------
-    scale : float
-        The error that counts as one in the reward.
-    error : float
-        Largest predicted distance from what the design rule reaches that is still trusted;
-        a fifth of the scale if not given.
-    spread : float
-        Largest standard deviation of the prediction that is; a tenth if not given.
-    """
-
-    scale: float
-    error: float = np.nan
-    spread: float = np.nan
-
-    def __post_init__(self) -> None:
-        for name, share in (("error", _ERROR), ("spread", _SPREAD)):
-            if np.isnan(getattr(self, name)):
-                object.__setattr__(self, name, share * self.scale)
-        for name in self.__slots__:
-            value = getattr(self, name)
-            validation.number(name, value, above=0.0, remedy="Give the error that counts.")
 
 
 def snr(decibels: float) -> Callable[[Array], Array]:
@@ -132,7 +102,8 @@ class Plant:
         Parameters to how far they are searched; by default half a range beyond the prior,
         parameters that are positive staying so.
     black_box : Laguerre, optional
-        Functions that explain every plant; otherwise 16 with a pole that suits the prior.
+        Functions that explain every plant; otherwise so many as it takes, with a pole that
+        suits the prior.
     """
 
     prior: Mapping[str, Range]
@@ -159,8 +130,8 @@ class Plant:
     black_box: Laguerre | None = None
 
     def __post_init__(self) -> None:
-        _check_settings(self)
-        _check_functions(self)
+        check_settings(self)
+        check_functions(self)
 
     @property
     def ranges(self) -> tuple[Array, Array]:
@@ -191,38 +162,6 @@ class Plant:
         return np.setdiff1d(np.arange(len(self.prior)), self.unknown)
 
     @property
-    def limits(self) -> tuple[Array, Array]:
-        """How far parameters are searched, (p,) each."""
-        low, high = self.ranges
-        spare = _MARGIN * (high - low)
-        physical = np.where(low >= 0, np.maximum(low / 2, 1e-3 * spare), -np.inf)
-        ends = np.stack([np.maximum(low - spare, physical), high + spare])
-        for i, name in enumerate(self.prior):
-            ends[:, i] = self.search_limits.get(name, ends[:, i])
-        return ends[0], ends[1]
-
-    def figure(self, of: str) -> Array:
-        """(f,) ``scale``, ``error`` or ``spread`` of the figures."""
-        return np.array([getattr(figure, of) for figure in self._figures])
-
-    @property
-    def _figures(self) -> list[Figure]:
-        return [f if isinstance(f, Figure) else Figure(f) for f in self.figures.values()]
-
-    def respond(self, theta: Array, u: Array | None = None, rng: Any = None) -> Array:
-        """Outputs (B, N) without measurement noise, by default of the experiment's input.
-
-        Parameters
-        ----------
-        u : (N,), (1, N) or (B, N) float64, optional
-            One input for all, or one for each.
-        """
-        given = np.atleast_2d(self.u if u is None else u)
-        if len(given) == 1:
-            return self._each(lambda t: self.simulate(t, given[0], rng), given.shape[1], theta)
-        return self._each(lambda t, v: self.simulate(t, v, rng), given.shape[1], theta, given)
-
-    @property
     def shown_names(self) -> tuple[str, ...]:
         """The measured parameters that the prior leaves open."""
         return tuple(name for name in self.prior if name in self.measured and self._open(name))
@@ -237,9 +176,32 @@ class Plant:
         ]
         return np.stack(columns, axis=1) if columns else np.empty((len(theta), 0))
 
-    def _open(self, name: str) -> bool:
-        low, high = self.prior[name]
-        return low < high
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """How far parameters are searched, (p,) each."""
+        low, high = self.ranges
+        spare = _MARGIN * (high - low)
+        physical = np.where(low >= 0, np.maximum(low / 2, 1e-3 * spare), -np.inf)
+        ends = np.stack([np.maximum(low - spare, physical), high + spare])
+        for i, name in enumerate(self.prior):
+            ends[:, i] = self.search_limits.get(name, ends[:, i])
+        return ends[0], ends[1]
+
+    def respond(self, theta: Array, u: Array | None = None, rng: Any = None) -> Array:
+        """Outputs (B, N) without measurement noise, by default of the experiment's input.
+
+        Parameters
+        ----------
+        u : (N,), (1, N) or (B, N) float64, optional
+            One input for all, or one for each.
+        """
+        given = np.atleast_2d(self.u if u is None else u)
+        own = (given,) if len(given) > 1 else ()
+
+        def simulated(t: Array, v: Array = given[0]) -> Array:
+            return self.simulate(t, v, rng)
+
+        return self._each("simulate", simulated, given.shape[1], theta, *own)
 
     def inputs(self, words: Words) -> Array:
         """Inputs of B experiments, (1, N) or (B, N), from a random word each."""
@@ -268,18 +230,17 @@ class Plant:
 
     def oracle(self, theta: Array) -> Array:
         """Gains (B, k) of the design rule that knows the parameters."""
-        return self._each(self.design, len(self.gains), theta)
+        return self._each("design", self.design, len(self.gains), theta)
 
     def judged(self, theta: Array, gains: Array) -> Array:
         """Figures (B, f) of gains; ``nan`` where there are no gains or the loop is unstable."""
         if self.judge is None:
             with np.errstate(divide="ignore", invalid="ignore"):
                 return np.asarray(gains / self.oracle(theta) - 1)
-        usable = np.isfinite(gains).all(axis=1)
-        figures = np.full((len(theta), len(self.figures)), np.nan)
+        usable, f = np.isfinite(gains).all(axis=1), len(self.figures)
+        figures = np.full((len(theta), f), np.nan)
         if usable.any():
-            found = self._each(self.judge, len(self.figures), theta[usable], gains[usable])
-            figures[usable] = found
+            figures[usable] = self._each("judge", self.judge, f, theta[usable], gains[usable])
         return figures
 
     def wanted(self, theta: Array) -> Array:
@@ -301,7 +262,15 @@ class Plant:
         e = np.sqrt(((errors / self.figure("scale")) ** 2).sum(axis=1))
         return np.where(np.isnan(e), UNSTABLE, graded(e))
 
-    def _each(self, function: Callable[..., Any], width: int, *arrays: Array) -> Array:
+    def figure(self, of: str) -> Array:
+        """(f,) ``scale``, ``error`` or ``spread`` of the figures."""
+        return np.array([getattr(figure, of) for figure in self.figures.values()])
+
+    def _open(self, name: str) -> bool:
+        low, high = self.prior[name]
+        return low < high
+
+    def _each(self, name: str, function: Callable[..., Any], width: int, *arrays: Array) -> Array:
         """Call for the batch, or for one at a time, and check the shape."""
         if self.batched:
             values = np.asarray(function(*arrays), dtype=np.float64)
@@ -309,77 +278,5 @@ class Plant:
             rows = [function(*row) for row in zip(*arrays, strict=True)]
             values = np.asarray(rows, dtype=np.float64)
         if values.shape != (len(arrays[0]), width):
-            name = getattr(function, "__name__", "function")
             raise ValueError(f"{name} gave shape {values.shape}, wanted {(len(arrays[0]), width)}.")
         return values
-
-
-def _check_settings(plant: Plant) -> None:
-    """Everything that can be checked without calling anything; normalises what it can."""
-    if not isinstance(plant.prior, Mapping) or not plant.prior:
-        raise ValueError('prior must name at least one parameter, as in {"J": (0.01, 0.03)}.')
-    prior = {name: validation.interval(f"prior {name}", r) for name, r in plant.prior.items()}
-    for name, slack in plant.measured.items():
-        validation.one_of("measured parameter", name, tuple(prior))
-        validation.number(f"measured {name}", slack, at_least=0.0, remedy="Say how far outside "
-                          "the prior it may lie.")  # fmt: skip
-    for name in plant.search_limits:
-        validation.one_of("search_limits' parameter", name, tuple(prior))
-    u: ArrayLike = validation.finite_array("u", plant.u, shape=(None,))
-    Ts = validation.number("Ts", plant.Ts, above=0.0, remedy="Give the sampling time in seconds.")
-    if plant.crossover is not None:
-        validation.number("crossover", plant.crossover, above=0.0, at_most=0.5 / Ts,
-                          remedy="Give it in Hz, below half the sampling rate.")  # fmt: skip
-    if isinstance(plant.gains, str) or not plant.gains:
-        raise ValueError(f'gains = {plant.gains!r} must be names, as in ("kp", "Ti").')
-    if (plant.judge is None) != (not plant.figures):
-        raise ValueError(
-            "judge and figures belong together. Give figures the names of what judge returns and "
-            'the errors that count as one, as in {"phase margin [deg]": 10.0}.'
-        )
-    figures = plant.figures or {f"relative error of {name}": RELATIVE_ERROR for name in plant.gains}
-    if plant.target is not None:
-        target = validation.finite_array("target", plant.target, shape=(len(figures),))
-        object.__setattr__(plant, "target", tuple(target.tolist()))
-    for name, figure in figures.items():
-        if not isinstance(figure, Figure):
-            remedy = "Give the error that counts as one."
-            validation.number(f"figure {name}", figure, above=0.0, remedy=remedy)
-    if not callable(plant.noise):
-        validation.number("noise", plant.noise, at_least=0.0, remedy="Give a standard deviation.")
-    values = {"prior": prior, "u": u, "Ts": Ts, "gains": tuple(plant.gains), "figures": figures}
-    for name, value in values.items():
-        object.__setattr__(plant, name, value)
-
-
-def _check_functions(plant: Plant) -> None:
-    """One trial call of each, in the middle of the prior and for two plants at once."""
-    theta = np.repeat(plant.middle, 2, axis=0)
-    width, f = len(plant.u), len(plant.figures)
-
-    def tried(name: str, call: Callable[[], Any], columns: int) -> Array:
-        try:
-            values = call()
-        except ValueError as error:
-            hint = "" if not plant.batched else " For functions of one plant set batched=False."
-            raise ValueError(f"{name} failed in the middle of the prior: {error}{hint}") from error
-        return validation.finite_array(f"{name} in the prior's middle", values, shape=(2, columns))
-
-    y = tried("simulate", lambda: plant.respond(theta), width)
-    if not np.array_equal(y, plant.respond(theta)):
-        raise ValueError("simulate is random where rng is None. Use rng for all that is random.")
-    if plant.excite is not None:
-        u = tried("excite", lambda: plant.inputs(np.array([1, 2], np.uint64)), width)
-        tried("simulate", lambda: plant.respond(theta, u), width)
-    tried("noise", lambda: plant.sigma(y)[:, None], 1)
-    gains = tried("design", lambda: np.nan_to_num(plant.oracle(theta)), len(plant.gains))
-    if np.isnan(plant.oracle(theta)).any():  # there are none for the plant in the middle
-        return
-    encoded = plant.coordinates.encode(gains)
-    decoded = plant.coordinates.decode(np.asarray(encoded))
-    if not np.allclose(decoded, gains, rtol=1e-6):
-        raise ValueError(
-            f"gains {gains[0]} do not survive coordinates' encode and decode, which give "
-            f"{decoded[0]}. The default is for positive gains: give coordinates of your own."
-        )
-    tried("judge", lambda: plant.judged(theta, gains), f)

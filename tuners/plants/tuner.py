@@ -16,7 +16,8 @@ from tuners.laguerre import Laguerre
 from tuners.plants import entry
 from tuners.plants.black_box import black_box
 from tuners.plants.data import sample
-from tuners.plants.plant import Figure, Plant
+from tuners.plants.figure import Figure
+from tuners.plants.plant import Plant
 from tuners.plants.trust import GAUSSIAN, Assessment, Finding, assess
 from tuners.result import Check, Interval
 from tuners.stages import Stages
