@@ -13,7 +13,7 @@ from tuners.laguerre import Laguerre
 from tuners.plants.black_box import black_box, functions_for
 from tuners.plants.bound import cramer_rao
 from tuners.plants.data import recorded, sample
-from tuners.plants.identification import fit
+from tuners.plants.fit import fit
 from tuners.plants.pi_loop import PILoop
 from tuners.recording import Recording
 from tuners.yaw_rate import context_of, theta_of, yaw_rate

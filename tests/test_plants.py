@@ -13,7 +13,8 @@ from tuners.plants.black_box import black_box, functions_for, suited
 from tuners.plants.bound import cramer_rao, parameter_covariance
 from tuners.plants.data import episodes, recorded, sample
 from tuners.plants.evaluation import GRAY_BOX, NOMINAL, ORACLE, TUNER, compare
-from tuners.plants.identification import fit, identify
+from tuners.plants.fit import fit
+from tuners.plants.identification import identify
 from tuners.response import FrequencyResponse
 from tuners.stages import Recipe
 

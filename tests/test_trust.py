@@ -10,7 +10,7 @@ from tuners.calibration import assessed, calibrate
 from tuners.fallback import LEAST_DISTANCE, fallback, prior_grid
 from tuners.gray_box import GrayBox
 from tuners.plants.black_box import black_box, functions_for
-from tuners.plants.identification import fit, noise_level
+from tuners.plants.fit import fit, noise_level
 from tuners.plants.trust import GAUSSIAN, conformal
 from tuners.recording import Recording
 from tuners.studies import faults

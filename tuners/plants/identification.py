@@ -4,10 +4,6 @@ The sum of squared output errors (for white noise and a simulator without random
 its own the prediction error) is minimised from the middle of the prior by damped steps
 in parameters scaled by their ranges.  A parameter that is pressed against a limit stays
 there.  Parameters that are measured keep their values.
-
-Where a recording does not start from rest, start and offsets are estimated along: steps
-on signals from which all that they could explain has been projected out (Golub and
-Pereyra's variable projection, 1973).
 """
 
 from collections.abc import Callable
@@ -16,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.plants.black_box import BlackBox, free_responses
 from tuners.plants.data import sample
 from tuners.plants.plant import Plant
 from yawrate_env.batch import replaced, take
@@ -26,14 +21,11 @@ Array = NDArray[np.float64]
 STEP = 1e-4  # of a range, central
 _OTHER_STARTS = 4
 _MAX_STEPS = 40
-_POLISHING = 3
 _TOLERANCE = 1e-10
 _ROUNDING = 1e-20  # of the output's energy: without noise the cost ends here
-_LARGEST_STEP = 0.5
+LARGEST_STEP = 0.5
 _ROOM = 1e-9  # nearer than this to a limit is on it
 _DAMPING = 1e8  # beyond it no step helps
-_BAND = (1 / 7.5, 1 / 0.3)  # of the crossover: where noise matters to the figures
-_COLOURED = 1.7  # noise stronger by this in the band: more than chance for white noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,74 +45,6 @@ class Found:
     theta: Array
     cost: Array
     converged: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fit:
-    """The plant behind B recordings, and what it leaves over.
-
-    Attributes
-    ----------
-    theta : NDArray
-        (B, p) parameters found, those that are measured as given.
-    converged : NDArray
-        (B,) whether the search ended at a minimum.
-    simulated : NDArray
-        (B, N) the plant's output, with offset and start where these were estimated.
-    residual : NDArray
-        (B, N) measured minus simulated.
-    noise : NDArray
-        (B,) mean square of the residual, or more where it is stronger around the
-        crossover than elsewhere.
-    covariance : NDArray
-        (B, q, q) of the unknown parameters in widths of their ranges; ``inf`` where the
-        data do not determine them.
-    """
-
-    theta: Array
-    converged: NDArray[np.bool_]
-    simulated: Array
-    residual: Array
-    noise: Array
-    covariance: Array
-
-
-def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
-    """Find the plant behind recordings of any kind.
-
-    Parameters
-    ----------
-    model : BlackBox
-        The recordings, start and offsets taken out.
-    measured : (B, N) float64
-        Outputs as recorded.
-    start : (B, p) float64
-        Where the search starts, with what is measured beside the recordings.
-    """
-    found = _anywhere(plant, model.u, model.y, start)
-    theta, limits = found.theta, plant.limits
-    for _ in range(_POLISHING if model.unknown.any() else 0):
-        error, slopes = _signals(plant, theta, model)
-        with np.errstate(invalid="ignore"):
-            step = (_inverse(slopes) @ (slopes @ error[..., None]))[..., 0]
-        step = np.where(model.unknown[:, None] & np.isfinite(step), step, 0.0)
-        theta = _moved(plant, theta, np.clip(step, -_LARGEST_STEP, _LARGEST_STEP), *limits)
-    error, slopes = _signals(plant, theta, model)
-    noise = noise_level(error, model.Ts, plant.crossover)
-    with np.errstate(invalid="ignore"):  # no noise and no information: no answer
-        covariance = noise[:, None, None] * _inverse(slopes)
-    return Fit(theta, found.converged, measured - error, error, noise, covariance)
-
-
-def _anywhere(plant: Plant, u: Array, y: Array, start: Array) -> Found:
-    """The best that the plant's own search finds, or that by differences, beyond the prior too."""
-    if plant.gray_box is None:
-        inside = identify_from_several(plant, u, y, start)
-        return identify(plant, u, y, inside.theta, beyond=True)
-    found, converged = plant.gray_box(u, y, start)
-    theta, free, (low, high) = start.copy(), plant.unknown, plant.limits
-    theta[:, free] = np.clip(found[:, free], low[free], high[free])
-    return Found(theta, np.full(len(y), np.nan), converged)
 
 
 def identify_from_several(plant: Plant, u: Array, y: Array, start: Array | None = None) -> Found:
@@ -167,7 +91,7 @@ def identify(
         active, step = active[keep], step[keep]
         if not len(active):
             break
-        trial = _moved(plant, theta[active], step, low, high)
+        trial = moved(plant, theta[active], step, low, high)
         output = plant.respond(trial, _rows(u, active))
         found = ((y[active] - output) ** 2).sum(axis=1)
         better = found < cost[active]  # not where the simulator gave nan
@@ -203,44 +127,7 @@ def central(
 
 def covariance_of(slopes: Array, sigma: Array) -> Array:
     """Inverse Fisher information of outputs' slopes (B, q, N) in noise of `sigma` (B,)."""
-    return np.asarray(sigma[:, None, None] ** 2 * _inverse(slopes))
-
-
-def noise_level(residual: Array, Ts: float, crossover: float | None) -> Array:
-    """Mean square of residuals (B, N), or their power around the crossover if that is more.
-
-    What counts for the figures is noise that the input could have caused.  White noise
-    has the same power everywhere, and its mean square is the better estimate of it.
-    """
-    overall = (residual**2).mean(axis=1)
-    if crossover is None:
-        return np.asarray(overall)
-    N = residual.shape[1]
-    power = (np.abs(np.fft.rfft(residual)[:, _band(N, Ts, crossover)]) ** 2).mean(axis=1) / N
-    return np.asarray(np.where(power > _COLOURED * overall, power, overall))
-
-
-def most_coloured(N: int, Ts: float, crossover: float) -> float:
-    """How many times stronger than white noise a residual is with all its power in the band."""
-    band = _band(N, Ts, crossover)
-    return float((N // 2) / (min(band.stop, N // 2 + 1) - band.start))
-
-
-def _band(N: int, Ts: float, crossover: float) -> slice:
-    """Around the crossover, in a residual's Fourier transform."""
-    low, high = (max(round(f * crossover * N * Ts), 1) for f in _BAND)
-    return slice(min(low, N // 2), high + 1)
-
-
-def _signals(plant: Plant, theta: Array, model: BlackBox) -> tuple[Array, Array]:
-    """Output errors (B, N) and slopes (B, q, N), with what starts could explain projected out."""
-    error = model.y - plant.respond(theta, model.u)
-    signals = np.concatenate([error[:, None], output_slopes(plant, theta, model.u)], axis=1)
-    unknown = model.unknown
-    if unknown.any():
-        Z, _ = free_responses(model.functions, signals.shape[2], model.Ts)
-        signals[unknown] -= signals[unknown] @ Z.T @ Z
-    return signals[:, 0], signals[:, 1:]
+    return np.asarray(sigma[:, None, None] ** 2 * inverse_of(slopes))
 
 
 def _rows(u: Array, index: NDArray[np.intp]) -> Array:
@@ -268,10 +155,10 @@ def _step(
     step = np.linalg.solve(lifted, slope[..., None])[..., 0]
     promised = (step * slope).sum(axis=1)
     largest = np.abs(step).max(axis=1, keepdims=True, initial=0.0)
-    return step * np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300)), promised
+    return step * np.minimum(1.0, LARGEST_STEP / np.maximum(largest, 1e-300)), promised
 
 
-def _moved(plant: Plant, theta: Array, step: Array, low: Array, high: Array) -> Array:
+def moved(plant: Plant, theta: Array, step: Array, low: Array, high: Array) -> Array:
     """Parameters after steps (B, q) in widths, each as far as the first limit that it meets."""
     free = plant.unknown
     at, change = theta[:, free], step * plant.width
@@ -284,7 +171,7 @@ def _moved(plant: Plant, theta: Array, step: Array, low: Array, high: Array) -> 
     return moved
 
 
-def _inverse(slopes: Array) -> Array:
+def inverse_of(slopes: Array) -> Array:
     """Inverse of slopes' Gram matrix (B, q, q); infinite where singular."""
     gram = slopes @ slopes.swapaxes(1, 2)
     if not gram.size:

@@ -1,6 +1,6 @@
 """Whether gains can be trusted, judged by the recording that they come from.
 
-The plant's simulator is fitted to the recording (`tuners.plants.identification`), and so is
+The plant's simulator is fitted to the recording (`tuners.plants.fit`), and so is
 a black box that knows nothing of it (`tuners.plants.black_box`).  Gains are trusted where
 the two tell the same story: what the simulator leaves over, the input does not explain
 either, both respond alike at the crossover, the plant found is one of the prior's, with it
@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.plants.black_box import BlackBox
-from tuners.plants.identification import Fit, central, fit, most_coloured
+from tuners.plants.fit import Fit, fit, most_coloured
+from tuners.plants.identification import central
 from tuners.plants.plant import Plant
 from tuners.result import Check
 
