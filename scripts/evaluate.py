@@ -33,13 +33,13 @@ def main() -> None:
     )  # fmt: skip
     parser.add_argument(
         "--env-kwargs", type=arguments.environment_kwargs, default={}, metavar="JSON",
-        help='conditions of the environment, e.g. \'{"snr_db": 20}\'',
+        help='conditions of the environment, e.g. \'{"snr_db": 20}\' or \'{"nonlinear": true}\'',
     )  # fmt: skip
     args = parser.parse_args()
     if not (args.tuner or args.policy or args.sb3):
         parser.error("nothing to evaluate: give --tuner, --policy or --sb3")
-    task = arguments.task(args.env_kwargs)
-    players = policies.chosen(args.policy, args.sb3, args.algo, args.env_kwargs)
+    env = arguments.environment(args.env_kwargs)
+    task, players = env.task, policies.chosen(args.policy, args.sb3, args.algo, env)
     with Bars() as bars:
         found = evaluate(
             {**{name: tuners.load(name, task) for name in args.tuner}, **players},

@@ -12,6 +12,7 @@ import tuners
 from tuners import arguments, policies
 from tuners.progress import Bars
 from tuners.studies import results_page, scoreboard
+from yawrate_env.env import PITuningEnv
 
 
 def main() -> None:
@@ -33,7 +34,7 @@ def main() -> None:
     players: dict[str, scoreboard.Policy] = {
         **scoreboard.available(),
         **{name: tuners.load(name) for name in args.tuner},
-        **policies.chosen(args.policy, args.sb3, args.algo, {}),
+        **policies.chosen(args.policy, args.sb3, args.algo, PITuningEnv()),
     }
     protocol = replace(scoreboard.PROTOCOL, episodes=args.episodes)
     with Bars() as bars:

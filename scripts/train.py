@@ -24,7 +24,7 @@ def main() -> None:
     parser.add_argument("--out", type=arguments.model, required=True, help="file to write, *.tuner")
     parser.add_argument(
         "--env-kwargs", type=arguments.environment_kwargs, default={}, metavar="JSON",
-        help='conditions of the environment, e.g. \'{"v_x": 25}\'',
+        help='conditions of the environment, e.g. \'{"v_x": 25}\' or \'{"nonlinear": true}\'',
     )  # fmt: skip
     parser.add_argument(
         "--calibration", type=arguments.whole, default=EPISODES,
@@ -58,7 +58,7 @@ def main() -> None:
             )
         else:
             recipe = tuners.RECIPES[args.name]
-            task = arguments.task({"v_x": list(recipe.v_x), **args.env_kwargs})
+            task = arguments.environment({"v_x": list(recipe.v_x), **args.env_kwargs}).task
             tuner = tuners.train(
                 args.name, task, episodes=args.episodes, seed=args.seed, progress=bars
             )

@@ -6,6 +6,7 @@ import os
 import pytest
 
 from tuners import arguments
+from yawrate_env.nonlinear import NonlinearTwin, Tyre
 from yawrate_env.task import Task
 
 
@@ -49,13 +50,17 @@ def test_environment_arguments_are_a_json_object():
 
 
 def test_the_task_is_the_environments():
-    assert arguments.task({}) == Task()
-    task = arguments.task({"snr_db": 20, "v_x": [10, 30], "crossover": 1.2})
+    assert arguments.environment({}).task == Task()
+    task = arguments.environment({"snr_db": 20, "v_x": [10, 30], "crossover": 1.2}).task
     assert (task.experiment.snr_db, task.prior.v_x, task.target.crossover) == (20, (10, 30), 1.2)
     with pytest.raises(ValueError, match="--env-kwargs: unexpected keyword argument 'snr'"):
-        arguments.task({"snr": 20})
+        arguments.environment({"snr": 20})
+    nonlinear = arguments.environment({"nonlinear": True, "tyre": {"friction": 0.8}}).task
+    assert nonlinear.twin == NonlinearTwin(tyre=Tyre(friction=0.8))
+    with pytest.raises(ValueError, match="--env-kwargs: unexpected keyword argument 'tyre'"):
+        arguments.environment({"tyre": {}})
     with pytest.raises(ValueError, match="Ts = -1"):
-        arguments.task({"Ts": -1})
+        arguments.environment({"Ts": -1})
 
 
 @pytest.mark.parametrize(

@@ -369,3 +369,12 @@ def test_the_nonlinear_environment_is_wrapped_alike():
     assert many.step(action)[1][0] == one.step(action[0])[1]
     plain, _ = LoopAction(Compressed(gymnasium.make(PLAIN, **kwargs))).reset(seed=0)
     assert np.abs(plain - obs).max() > 0.01  # features of another vehicle
+
+
+def test_features_of_the_nonlinear_vehicle():
+    hard = {"nonlinear": True, "amplitude": 0.07, "Ts": 0.01, "N": 300}
+    one, batch = gymnasium.make(FEATURES, **hard), gymnasium.make_vec(FEATURES, 2, **hard)
+    own = one.reset(seed=4)[0]
+    np.testing.assert_array_equal(batch.reset(seed=4)[0][0], own)
+    linear = gymnasium.make(FEATURES, **(hard | {"nonlinear": False}))
+    assert np.abs(linear.reset(seed=4)[0] - own).max() > 0.1

@@ -2,15 +2,16 @@
 
 import argparse
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from tuners import model_file
+from tuners.wrappers import base_env
 from yawrate_env.env import PITuningEnv
 from yawrate_env.files import check_folder, check_regular
-from yawrate_env.task import Task
 
 MOST = 1e9
 
@@ -62,14 +63,13 @@ def environment_kwargs(text: str) -> dict[str, Any]:
     return value
 
 
-def task(kwargs: dict[str, Any]) -> Task:
-    """The task of an environment with these keyword arguments."""
+def environment(kwargs: dict[str, Any]) -> PITuningEnv:
+    """The environment with these keyword arguments; ``nonlinear`` chooses the other vehicle."""
     try:
-        return PITuningEnv(**kwargs).task
+        return base_env(**kwargs)
     except TypeError as error:
-        raise ValueError(
-            str(error).replace("PITuningEnv.__init__() got an", "--env-kwargs:")
-        ) from None
+        said = re.sub(r".*__init__\(\) got an", "--env-kwargs:", str(error))
+        raise ValueError(said) from None
 
 
 def run(main: Callable[[], None]) -> None:

@@ -190,18 +190,17 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def chosen(
-    factories: Sequence[str], models: Sequence[str], algorithm: str | None, kwargs: dict[str, Any]
+    factories: Sequence[str], models: Sequence[str], algorithm: str | None, env: PITuningEnv
 ) -> dict[str, Player]:
     """Name to player of what the arguments name.
 
     Parameters
     ----------
-    kwargs : dict
-        Keyword arguments of the environment.
+    env : PITuningEnv
+        What they answer.
     """
     if models:
         print(TRUSTED_ONLY, file=sys.stderr)
-    env = PITuningEnv(**kwargs)
     return {spec: of_factory(spec, env) for spec in factories} | {
         path: of_sb3(path, env, algorithm) for path in models
     }

@@ -16,8 +16,8 @@ from tuners.compressors import compressor
 from tuners.feature_map import FeatureMap
 from tuners.rl import Actor, Progress, RLTuner, Training
 from tuners.sb3_adapter import Sb3VecEnv
+from tuners.wrappers import base_env
 from yawrate_env import FEATURES_ID
-from yawrate_env.env import PITuningEnv
 from yawrate_env.files import replacing
 from yawrate_env.interaction import VISIBLE
 
@@ -72,7 +72,8 @@ def train(
     Parameters
     ----------
     task_kwargs : dict
-        Keyword arguments of the environment; ``visible="speed"`` makes the speed a feature.
+        Keyword arguments of the environment; ``visible="speed"`` makes the speed a feature,
+        ``nonlinear=True`` records on saturating tyres.
     at : tuple of int
         Numbers of episodes after which a snapshot is taken; the end always is one.
         Those that a resumed training already has behind it are left out.
@@ -107,7 +108,7 @@ class Run:
         checkpoint: Path | None,
     ) -> None:
         self.settings, self.checkpoint = settings, checkpoint
-        one = PITuningEnv(**task_kwargs)
+        one = base_env(**task_kwargs)
         if one.visible == "context" or one.decimate != 1:
             raise ValueError(
                 f"visible = {one.visible!r}, decimate = {one.decimate}: a tuner gets whole "

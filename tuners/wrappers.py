@@ -19,6 +19,7 @@ from tuners.feature_map import LIMIT, ActionMap, FeatureMap
 from tuners.recording import Recording
 from yawrate_env.env import PITuningEnv
 from yawrate_env.interaction import VISIBLE, checked_actions
+from yawrate_env.nonlinear.env import PITuningNonlinearEnv, PITuningNonlinearVectorEnv
 from yawrate_env.vector_env import PITuningVectorEnv
 
 
@@ -126,16 +127,22 @@ class LoopActionVector(VectorWrapper[Any, Any, Any, Any, Any]):
         return self.env.step(self.map.gains(checked_actions(actions, self.num_envs)))
 
 
+def base_env(*, nonlinear: bool = False, **kwargs: Any) -> PITuningEnv:
+    """The environment itself, or with `nonlinear` the one on saturating tyres."""
+    return (PITuningNonlinearEnv if nonlinear else PITuningEnv)(**kwargs)
+
+
 def features_env(compressor: str = "laguerre", **kwargs: Any) -> gymnasium.Env[Any, Any]:
-    """Entry point of ``yawrate/PITuningFeatures-v0``; further arguments are `PITuningEnv`'s."""
-    return LoopAction(Compressed(PITuningEnv(**kwargs), compressor))
+    """Entry point of ``yawrate/PITuningFeatures-v0``; further arguments are `base_env`'s."""
+    return LoopAction(Compressed(base_env(**kwargs), compressor))
 
 
 def features_vector_env(
-    num_envs: int = 1, compressor: str = "laguerre", **kwargs: Any
+    num_envs: int = 1, compressor: str = "laguerre", *, nonlinear: bool = False, **kwargs: Any
 ) -> VectorEnv[Any, Any, Any]:
     """Build the batch form of `features_env`."""
-    return LoopActionVector(CompressedVector(PITuningVectorEnv(num_envs, **kwargs), compressor))
+    batch = (PITuningNonlinearVectorEnv if nonlinear else PITuningVectorEnv)(num_envs, **kwargs)
+    return LoopActionVector(CompressedVector(batch, compressor))
 
 
 def _unit_box() -> Box:
