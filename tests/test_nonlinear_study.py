@@ -61,6 +61,7 @@ def test_the_oracle_is_judged_without_error_and_low_friction_apart():
     task = nonlinear.task_at(4.0)
     found = nonlinear.judged(task, 4.0, {"gb": nonlinear.GrayBox(task)}, 24, 0)
     by = {(s.tuner, s.low_friction): s for s in found}
+    assert by["gb", False].trusted == 0.0 and by[ORACLE, False].trusted is None
     assert by[ORACLE, False].phase_margin < 1e-10 < by["gb", False].phase_margin
     context = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 24).context
     assert by["gb", True].episodes == (context.mu_s < 0.5).sum() < by["gb", False].episodes == 24
@@ -85,3 +86,6 @@ def test_training_on_the_nonlinear_twin_pays_at_four_degrees():
     for _, _, margin, crossover in nonlinear.factors(found):
         assert margin > 20 and crossover > 20  # hundreds with more vehicles
     assert all(math.isfinite(s.tracking_error) and s.unstable == 0 for s in found)
+    by = {(s.tuner, s.low_friction): s.trusted for s in found}
+    assert by[NONLINEAR, False] > 0.98 and by[NONLINEAR, True] > 0.95
+    assert by[LINEAR, False] == by[MISTAKEN, True] == 0.0

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.calibration import assessed
 from tuners.catalogue import train
 from tuners.evaluation import Evaluation, evaluate
 from tuners.gray_box import GrayBox
@@ -33,6 +34,9 @@ Progress = Callable[[str, int, int], None]
 RECIPE = "ts-ff-lag"
 AMPLITUDES = (0.5, 1.0, 2.0, 4.0)
 """Of the recorded command [deg]."""
+
+ASKED = 256
+"""Test episodes that tuners are asked whether to trust their answers to."""
 
 LOW_FRICTION = 0.5
 YAW_RATE = 5.0
@@ -74,6 +78,8 @@ class Score:
         Loops that are not within 2 % of the step after ten seconds.
     tracking_error : float
         Root mean square over episodes [deg/s].
+    trusted : float or None
+        Share of the first `ASKED` episodes whose gains are trusted.
     """
 
     tuner: str
@@ -87,6 +93,7 @@ class Score:
     settling_time: float
     unsettled: int
     tracking_error: float
+    trusted: float | None = None
 
 
 def task_at(amplitude: float, nonlinear: bool = True) -> Task:
@@ -132,12 +139,15 @@ def judged(
 ) -> list[Score]:
     """Scores of every tuner and of the oracle on the task's test episodes."""
     found = evaluate(tuners, task, CONTEXT_SETS["test"], episodes=episodes, seed=seed, batch=256)
+    trusted = {name: _trusted(tuner, task, min(ASKED, episodes), seed)
+               for name, tuner in tuners.items()}  # fmt: skip
     scores = []
     for e in [*found, _oracle(task, found[0].context)]:
         in_time = time_domain(task, e.context, e.kp, e.Ti, float(np.radians(YAW_RATE)))
         for low in (False, True):
             part = e.context.mu_s < LOW_FRICTION if low else np.ones(len(e.kp), dtype=np.bool_)
             settling = in_time.settling_time[part]
+            asked = trusted[e.tuner][part[:ASKED]] if e.tuner in trusted else None
             scores.append(
                 Score(
                     e.tuner,
@@ -151,9 +161,16 @@ def judged(
                     float(np.median(np.nan_to_num(settling, nan=10.0))),
                     int(np.isnan(settling).sum()),
                     float(np.degrees(_rms(in_time.tracking_error[part]))),
+                    None if asked is None else float(asked.mean()),
                 )
             )
     return scores
+
+
+def _trusted(tuner: Tuner, task: Task, episodes: int, seed: int) -> NDArray[np.bool_]:
+    """Whether the answers to the task's first test episodes are trusted, (episodes,)."""
+    rows = assessed(tuner, "test", episodes, seed, task)
+    return np.concatenate([found.trusted for _, found, _ in rows])
 
 
 def factors(scores: Sequence[Score]) -> list[tuple[float, bool, float, float]]:
@@ -201,13 +218,13 @@ def to_markdown(scores: Sequence[Score]) -> str:
             "",
             "| command | tuner | phase margin, rms error [°] | crossover, rms error [Hz] "
             "| unstable | overshoot [%] | settling time [s] | unsettled "
-            "| lane change, rms error [°/s] |",
-            "|---|---|---|---|---|---|---|---|---|",
+            "| lane change, rms error [°/s] | trusted |",
+            "|---|---|---|---|---|---|---|---|---|---|",
         ]
         lines += [
             f"| ±{s.amplitude:g}° | {s.tuner} | {s.phase_margin:.3g} | {s.crossover:.3g} "
             f"| {s.unstable} | {s.overshoot:.1f} | {s.settling_time:.2f} | {s.unsettled} "
-            f"| {s.tracking_error:.3f} |"
+            f"| {s.tracking_error:.3f} | {'' if s.trusted is None else f'{s.trusted:.1%}'} |"
             for s in part
         ]
         lines.append("")
