@@ -47,6 +47,26 @@ def find(entry: str | Plant, folder: Path | None = None) -> Plant:
     return found if found.entry == entry else replace(found, entry=entry)
 
 
+def named(plant: Plant, what: str) -> str:
+    """The plant's entry, or ``ValueError`` where `what` could not find the plant again."""
+    if not plant.entry:
+        raise ValueError(
+            f'{what} must find its plant again: give the plant entry="module:attribute", for '
+            'example entry="my_plant:plant".'
+        )
+    return plant.entry
+
+
+def home(entry: str) -> Path | None:
+    """The folder from which an entry's module was imported; None if no file holds it."""
+    name = entry.partition(":")[0]
+    module = sys.modules.get(name)
+    if module is None or not getattr(module, "__file__", None):
+        return None
+    depth = name.count(".") + hasattr(module, "__path__")
+    return Path(str(module.__file__)).resolve().parents[depth]
+
+
 def from_toml(path: Path) -> Plant | None:
     """The plant that a TOML file names, found beside the file; None where it names none."""
     try:
