@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from tuners.compressors import FirstStage, compressor, described
-from tuners.data import subject
+from tuners.data.subject import Subject, subject_of
+from tuners.plants import entry
 from tuners.plants.fingerprint import alike
 from tuners.plants.plant import Plant
+from tuners.tuner import task_from
 from yawrate_env import __version__, validation
 from yawrate_env.contexts import ContextSet
 from yawrate_env.files import write_text
@@ -80,9 +82,9 @@ class Configuration:
         self.subject.check(self.contexts)
 
     @property
-    def subject(self) -> subject.Subject:
+    def subject(self) -> Subject:
         """What it is of, as the table and the manifest see it."""
-        return subject.subject(self.what)
+        return subject_of(self.what)
 
     def plant(self) -> Plant:
         """What it is of, as everything else sees it."""
@@ -126,23 +128,20 @@ class Configuration:
         DatasetError
             The plant is missing or has changed.
         """
-        try:
-            what = subject.from_json(values, folder, plant)
-        except ValueError as error:
-            raise DatasetError(f"The data set needs what it is of. {error}") from None
         contexts = dict(values["contexts"])
         if contexts["beyond"] is not None:
             contexts["beyond"] = Prior(**contexts["beyond"])
+        own = "plant" in values
         found = cls(
-            what,
+            _found(values["plant"]["entry"], folder, plant) if own else task_from(values),
             ContextSet(**contexts),
             compressor(**values["compressor"]),
             *(values[name] for name in ("seed", "episodes", "shard_size", "raw")),
         )
-        found.check_unchanged(values)
+        found._check_unchanged(values)
         return found
 
-    def check_unchanged(self, values: dict[str, Any]) -> None:
+    def _check_unchanged(self, values: dict[str, Any]) -> None:
         """`DatasetError` where the plant is not what it was when `to_json` gave `values`."""
         then, now = values.get("plant", {}), self.to_json().get("plant", {})
         other = "; ".join(differences(now, then, "plant."))
@@ -244,6 +243,14 @@ def differences(wanted: dict[str, Any], found: dict[str, Any], prefix: str = "")
                 yield f"the plant's {name} has changed"
         elif ours != theirs:
             yield f"{prefix}{name} is {theirs!r} there and {ours!r} here"
+
+
+def _found(name: str, folder: Path | None, plant: Plant | None) -> Plant:
+    """The plant given, or that of the entry."""
+    try:
+        return entry.find(name, folder) if plant is None else entry.entered(plant, name)
+    except ValueError as error:
+        raise DatasetError(f"The data set needs its plant. {error}") from None
 
 
 def _digest(configuration: dict[str, Any]) -> str:

@@ -18,7 +18,6 @@ from tuners.compressors import COMPRESSORS
 from tuners.plants import entry, fingerprint
 from tuners.plants.data import Examples
 from tuners.plants.plant import Plant
-from tuners.tuner import task_from
 from tuners.yaw_rate import context_of, yaw_rate
 from yawrate_env.contexts import ContextSet
 from yawrate_env.design import Status
@@ -111,8 +110,8 @@ class Plants:
 
     def to_json(self) -> dict[str, Any]:
         """What a manifest holds."""
-        described = fingerprint.of_episodes(self.described)
-        return {"plant": {"entry": self.described.entry} | described}
+        names = {"entry": self.described.entry, "targets": target_names(self.described)}
+        return {"plant": names | fingerprint.of_episodes(self.described)}
 
     def home(self) -> Path | None:
         """The folder of the plant's module, which workers import."""
@@ -130,22 +129,13 @@ class Plants:
 Subject = Vehicles | Plants
 
 
-def subject(what: Task | Plant) -> Subject:
+def subject_of(what: Task | Plant) -> Subject:
     """What a data set of it needs to know."""
     if isinstance(what, Plant):
         return Plants(what)
     if isinstance(what, Task):
         return Vehicles(what)
     raise ValueError(f"{what!r} is neither a Task nor a tuners.plants.Plant. Describe one of them.")
-
-
-def from_json(
-    values: dict[str, Any], folder: Path | None = None, plant: Plant | None = None
-) -> Task | Plant:
-    """Whatever `to_json` was of; a plant that is not given is imported, from `folder` too."""
-    if "plant" not in values:
-        return task_from(values)
-    return plant or entry.find(values["plant"]["entry"], folder)
 
 
 def target_names(plant: Plant) -> tuple[str, ...]:

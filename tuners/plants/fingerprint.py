@@ -87,7 +87,7 @@ def _recordings(plant: Plant) -> Array:
 
 
 def _sums(values: Array) -> list[list[float]]:
-    """Two weighted sums of every row, which no change of it leaves alone, and its norm.
+    """Two weighted sums of every row, and its norm: hardly a change of it leaves all three alone.
 
     Where some are not finite, rows that say where come after those with zeros instead.
     """
