@@ -11,9 +11,9 @@ U = prbs(500, TS, 0.5, 1.0)[0]
 
 def simulate(theta, u, rng):
     K, T = theta.T
-    a, y = np.exp(-TS / T), np.zeros((len(theta), len(u)))
-    for k in range(len(u) - 1):
-        y[:, k + 1] = a * y[:, k] + K * (1 - a) * u[k]
+    a, y = np.exp(-TS / T), np.zeros((len(theta), u.shape[-1]))
+    for k in range(u.shape[-1] - 1):
+        y[:, k + 1] = a * y[:, k] + K * (1 - a) * u[..., k]
     return y
 
 

@@ -106,9 +106,12 @@ def test_the_order_of_the_work_does_not_matter(tmp_path, undisturbed, monkeypatc
 def test_what_is_finished_is_not_made_again(partial, undisturbed, monkeypatch):
     calls, shown = [], []
     work = shards.made
-    monkeypatch.setattr(
-        "tuners.data.shards.made", lambda c, shard: calls.append(shard.first) or work(c, shard)
-    )
+
+    def counted(configuration, shard, home):
+        calls.append(shard.first)
+        return work(configuration, shard, home)
+
+    monkeypatch.setattr("tuners.data.shards.made", counted)
     made(partial, progress=lambda *call: shown.append(call))
     assert calls == [200, 250]
     assert shown[:4] == [("verifying", done, 4) for done in (1, 2, 3, 4)]
@@ -175,9 +178,9 @@ def test_columns_have_plain_types_and_units(whole):
     for name in ("kp", "Ti", "status"):
         np.testing.assert_array_equal(values[name], getattr(oracle, name))
     gains = np.stack([oracle.kp, oracle.Ti], axis=1)
-    as_loop = np.stack([values[n] for n in shards.TARGETS["loop"]], axis=1)
+    as_loop = np.stack([values[n] for n in ("log_gain", "phase")], axis=1)
     np.testing.assert_array_equal(as_loop, loop(TASK.target).encode(gains))
-    usable = shards.examples(values).gains[values["usable"]]
+    usable = shards.examples(values, whole.recipe).gains[values["usable"]]
     np.testing.assert_array_equal(usable, gains[values["usable"]])
 
 

@@ -304,6 +304,15 @@ def test_entry_points_that_lead_nowhere(entry, words):
         plants.find(entry)
 
 
+def test_a_plant_is_found_under_an_entry_that_it_does_not_name(monkeypatch):
+    import first_order
+
+    monkeypatch.setattr(first_order, "nameless", described(entry=""), raising=False)
+    found = plants.find("first_order:nameless")
+    assert found.entry == "first_order:nameless" and first_order.nameless.entry == ""
+    assert found.prior == plant.prior and found.figures == plant.figures
+
+
 def test_the_tuner_is_a_policy_of_the_plants_environment(tuner, tested):
     obs = np.stack([np.broadcast_to(U, tested.y[:3].shape), tested.y[:3]], axis=1)
     actions, state = tuner.predict(obs, state="as given")

@@ -1,6 +1,7 @@
 """``yawrate dataset``."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +11,10 @@ from tuners.cli.files import READABLE
 from tuners.cli.numbers import COUNT
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.task import Task
+
+if TYPE_CHECKING:
+    from tuners.compressors import FirstStage
+    from tuners.plants import Plant
 
 COMPRESSORS = ("laguerre", "armax")
 SAMPLE = 100
@@ -35,9 +40,11 @@ SAMPLE = 100
     type=click.Choice(COMPRESSORS),
     default="laguerre",
     show_default=True,
-    help="What the features are.",
+    help="What the features are; laguerre's pole is one that suits a plant.",
 )
-@click.option("--vehicle", type=READABLE, help="A vehicle's TOML file. [default: the paper's]")
+@click.option(
+    "--vehicle", type=READABLE, help="A vehicle's TOML file, or a plant's. [default: the paper's]"
+)
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
@@ -45,7 +52,7 @@ SAMPLE = 100
     show_default=True,
     help="Of the random episodes.",
 )
-@click.option("--shard-size", type=COUNT, help="Episodes in a file. [default: 8192, raw 512]")
+@click.option("--shard-size", type=COUNT, help="Episodes in a file. [default: 4096, raw 512]")
 @click.option("--raw", is_flag=True, help="Keep the recordings too.")
 @click.option("--workers", type=COUNT, help="Processes. [default: one a core]")
 @click.option(
@@ -66,22 +73,37 @@ def command(
     """Simulate a data set of episodes, on this machine's cores or on a cluster.
 
     An interrupted run is called again and goes on where it was.
+
+    A plant's module is found beside its TOML file, beside the folder, where the command
+    runs, and by PYTHONPATH.
     """
-    from tuners import compressors, data
+    from tuners import data
+    from tuners.plants.entry import from_toml
     from tuners.progress import Bars
 
     if verify and not out.is_dir():
         raise click.UsageError(f"{out} is not a folder.")
     if not verify and episodes is None:
         raise click.UsageError("Say how many: --episodes.")
+    plant = None if vehicle is None else from_toml(vehicle)
     with Bars() as bars:
         if verify:
-            found = data.verify(out, sample=SAMPLE, progress=bars)
+            found = data.verify(out, sample=SAMPLE, plant=plant, progress=bars)
         else:
+            what = plant or (Task() if vehicle is None else vehicle_file.read(vehicle))
             found = data.generate(
-                Task() if vehicle is None else vehicle_file.read(vehicle),
-                CONTEXT_SETS[context], compressors.compressor(compressor), episodes or 0, seed,
+                what, CONTEXT_SETS[context], _stage(plant, compressor), episodes or 0, seed,
                 out, shard_size=shard_size, workers=workers, scheduler=scheduler, raw=raw,
                 progress=bars,
             )  # fmt: skip
     click.echo(f"{out}: {len(found)} episodes{', intact' if verify else ''}")
+
+
+def _stage(plant: "Plant | None", name: str) -> "FirstStage":
+    """A compressor by name, set for vehicles or to suit a plant."""
+    from tuners.compressors import compressor
+    from tuners.plants.training import recipe_for
+
+    if plant is not None and name == "laguerre":
+        return recipe_for(plant).compressor
+    return compressor(name)

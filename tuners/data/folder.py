@@ -9,7 +9,9 @@ import numpy as np
 
 from tuners.data import shards
 from tuners.data.manifest import DatasetError, Manifest, Shard
+from tuners.data.subject import Columns
 from tuners.plants.data import Examples
+from tuners.plants.plant import Plant
 from yawrate_env import validation
 from yawrate_env.batch import concatenate
 
@@ -26,19 +28,22 @@ class Folder:
     ----------
     path : path
         The folder that `generate` wrote.
+    plant : Plant, optional
+        What it is of, if not vehicles and not to be imported from the entry point that the
+        manifest names, beside the folder or from the usual places: importing runs code.
 
     Attributes
     ----------
     recipe : Configuration
-        Task, context set, compressor, seed and size.
+        Task or plant, context set, compressor, seed and size.
     manifest : Manifest
         The same as it was written, and the shards.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], plant: Plant | None = None) -> None:
         self.path = Path(path)
         self.manifest = Manifest.read(self.path)
-        self.recipe = self.manifest.recipe()
+        self.recipe = self.manifest.recipe(self.path.parent, plant)
         self.manifest.check_shards(self.path, self.recipe)
         missing = len(list(self.recipe.shards())) - len(self.manifest.shards)
         if missing:
@@ -50,16 +55,16 @@ class Folder:
     def __len__(self) -> int:
         return self.recipe.episodes
 
-    def columns(self, names: Sequence[str] | None = None) -> Iterator[shards.Columns]:
+    def columns(self, names: Sequence[str] | None = None) -> Iterator[Columns]:
         """Some columns, or all but the recordings, in order and in bounded memory."""
         for shard in self.manifest.shards:
             yield from shards.read(self.path / shard.file, names)
 
     def batches(self) -> Iterator[Examples]:
         """Features, targets and contexts, in order and in bounded memory."""
-        yield from (shards.examples(values) for values in self.columns())
+        yield from (shards.examples(values, self.recipe) for values in self.columns())
 
-    def row(self, episode: int, names: Sequence[str]) -> shards.Columns:
+    def row(self, episode: int, names: Sequence[str]) -> Columns:
         """One episode, every column with a first axis of 1."""
         shard = self.manifest.shards[episode // self.recipe.shard_size]
         for values in shards.read(self.path / shard.file, names):
@@ -88,7 +93,11 @@ def damage(folder: Path, manifest: Manifest, progress: Progress | None = None) -
 
 
 def verify(
-    out: str | os.PathLike[str], *, sample: int = 0, progress: Progress | None = None
+    out: str | os.PathLike[str],
+    *,
+    sample: int = 0,
+    plant: Plant | None = None,
+    progress: Progress | None = None,
 ) -> Folder:
     """Read every byte of a data set, and compare it with the manifest's checksums.
 
@@ -96,6 +105,8 @@ def verify(
     ----------
     sample : int
         Also simulate so many episodes again, and compare the rows.
+    plant : Plant, optional
+        As for `Folder`.
 
     Raises
     ------
@@ -103,7 +114,18 @@ def verify(
         All that is missing or damaged, by name.
     """
     validation.count("sample", sample, at_least=0)
-    found = Folder(out)
+    found = Folder(out, plant)
+    check(found, progress)
+    if sample and not (worst := deviation(found, sample)) <= _ROUNDING:
+        raise DatasetError(
+            f"{out} is intact, but not what its seed gives here: columns differ by "
+            f"{worst:.1e} of their largest value. Use the versions that its manifest names."
+        )
+    return found
+
+
+def check(found: Folder, progress: Progress | None = None) -> None:
+    """`DatasetError` with all that is missing or damaged, by name."""
     wrong = damage(found.path, found.manifest, progress)
     paths = [found.path / shard.file for shard in found.manifest.shards]
     wrong += [f"{path} is missing" for path in paths if not path.exists()]
@@ -112,12 +134,6 @@ def verify(
             f"{'; '.join(wrong)}. Delete what is damaged and generate again with the same "
             "settings: only that is made again."
         )
-    if sample and not (worst := deviation(found, sample)) <= _ROUNDING:
-        raise DatasetError(
-            f"{out} is intact, but not what its seed gives here: columns differ by "
-            f"{worst:.1e} of their largest value. Use the versions that its manifest names."
-        )
-    return found
 
 
 def deviation(found: Folder, sample: int) -> float:

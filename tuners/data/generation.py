@@ -20,6 +20,7 @@ from tuners.data import manifest, shards
 from tuners.data import workers as pool
 from tuners.data.folder import Folder, damage
 from tuners.data.manifest import Configuration, DatasetError, Manifest, Shard
+from tuners.plants.plant import Plant
 from yawrate_env import validation
 from yawrate_env.compiled import cores
 from yawrate_env.contexts import ContextSet
@@ -39,7 +40,7 @@ _REMEDIES = {
 
 
 def generate(
-    task: Task,
+    what: Task | Plant,
     contexts: ContextSet,
     compressor: FirstStage,
     episodes: int,
@@ -60,6 +61,12 @@ def generate(
 
     Parameters
     ----------
+    what : Task or Plant
+        Whose episodes.  Workers and readers find a plant again by its `entry`.
+    contexts : ContextSet
+        Which family of them, of `yawrate_env.contexts.CONTEXT_SETS`.
+    compressor : Armax, Laguerre or FrequencyResponse
+        What makes features of recordings.
     out : path
         A new folder, or one of the same configuration that is not finished.
     shard_size : int, optional
@@ -69,7 +76,7 @@ def generate(
     scheduler : str, optional
         Address of a Dask scheduler, or ``"local"`` for a cluster of `workers` processes.
     raw : bool
-        Keep the recordings too, 80 kB an episode before compression.
+        Keep the recordings too, 8 bytes a sample before compression.
     resume : bool
         Go on in a folder that exists; otherwise refuse it.
     progress : callable, optional
@@ -84,8 +91,9 @@ def generate(
     episodes = validation.count("episodes", episodes)
     if shard_size is None:
         shard_size = manifest.shard_size(episodes, raw)
-    recipe = Configuration(task, contexts, compressor, seed, episodes, shard_size, raw)
+    recipe = Configuration(what, contexts, compressor, seed, episodes, shard_size, raw)
     folder = Path(out)
+    Configuration.from_json(recipe.to_json(), folder.parent)  # as all workers will
     with _owned(folder):
         with _explained(folder):
             found = _begun(folder, recipe, resume, progress)
@@ -94,14 +102,14 @@ def generate(
         done = episodes - sum(shard.rows for shard in missing)
         if progress is not None:
             progress("simulating", done, episodes)
-        work = partial(shards.made, found.configuration)
+        work = partial(shards.made, found.configuration, home=recipe.subject.home())
         for shard, content in pool.results(work, missing, count, scheduler):
             with _explained(folder):
                 found = _with(found, shard, content, folder)
             done += shard.rows
             if progress is not None:
                 progress("simulating", done, episodes)
-    return Folder(folder)
+    return Folder(folder, what if isinstance(what, Plant) else None)
 
 
 def _begun(

@@ -14,9 +14,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from tuners.compressors import FirstStage, compressor, described
+from tuners.data.subject import Subject, subject_of
+from tuners.plants import entry
+from tuners.plants.fingerprint import alike
 from tuners.plants.plant import Plant
 from tuners.tuner import task_from
-from tuners.yaw_rate import yaw_rate
 from yawrate_env import __version__, validation
 from yawrate_env.contexts import ContextSet
 from yawrate_env.files import write_text
@@ -51,8 +53,8 @@ class Configuration:
 
     Attributes
     ----------
-    task : Task
-        Vehicles, experiment and target.
+    what : Task or Plant
+        Vehicles, experiment and target; or any other plant, which its entry leads to.
     contexts : ContextSet
         Which family of episodes.
     compressor : Armax or Laguerre
@@ -65,7 +67,7 @@ class Configuration:
         Whether the recordings are kept too.
     """
 
-    task: Task
+    what: Task | Plant
     contexts: ContextSet
     compressor: FirstStage
     seed: int
@@ -77,10 +79,16 @@ class Configuration:
         for name, least in (("seed", 0), ("episodes", 1), ("shard_size", 1)):
             value = validation.count(name, getattr(self, name), at_least=least)
             object.__setattr__(self, name, value)
+        self.subject.check(self.contexts)
+
+    @property
+    def subject(self) -> Subject:
+        """What it is of, as the table and the manifest see it."""
+        return subject_of(self.what)
 
     def plant(self) -> Plant:
-        """What the episodes are of."""
-        return yaw_rate(replace(self.task, prior=self.contexts.prior(self.task.prior)))
+        """What it is of, as everything else sees it."""
+        return self.subject.plant(self.contexts)
 
     def shards(self) -> Iterator[Shard]:
         """All of them, in order."""
@@ -91,7 +99,7 @@ class Configuration:
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values, the versions in use among them."""
         values = {
-            "task": asdict(self.task),
+            **self.subject.to_json(),
             "contexts": asdict(self.contexts),
             "compressor": described(self.compressor),
             "seed": self.seed,
@@ -103,17 +111,45 @@ class Configuration:
         return json.loads(json.dumps(values))  # type: ignore[no-any-return]
 
     @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Self:
-        """Rebuild from `to_json`."""
+    def from_json(
+        cls, values: dict[str, Any], folder: Path | None = None, plant: Plant | None = None
+    ) -> Self:
+        """Rebuild from `to_json`.
+
+        Parameters
+        ----------
+        folder : Path, optional
+            Where the plant's module may be, beside the usual places.
+        plant : Plant, optional
+            The plant, if not to be imported.
+
+        Raises
+        ------
+        DatasetError
+            The plant is missing or has changed.
+        """
         contexts = dict(values["contexts"])
         if contexts["beyond"] is not None:
             contexts["beyond"] = Prior(**contexts["beyond"])
-        return cls(
-            task_from(values),
+        own = "plant" in values
+        found = cls(
+            _found(values["plant"]["entry"], folder, plant) if own else task_from(values),
             ContextSet(**contexts),
             compressor(**values["compressor"]),
             *(values[name] for name in ("seed", "episodes", "shard_size", "raw")),
         )
+        found._check_unchanged(values)
+        return found
+
+    def _check_unchanged(self, values: dict[str, Any]) -> None:
+        """`DatasetError` where the plant is not what it was when `to_json` gave `values`."""
+        then, now = values.get("plant", {}), self.to_json().get("plant", {})
+        other = "; ".join(differences(now, then, "plant."))
+        if other:
+            raise DatasetError(
+                f"The data set is not of the {then.get('entry')} that is found here: {other}. "
+                "Restore its description, or generate another data set."
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,10 +159,12 @@ class Manifest:
     configuration: dict[str, Any]
     shards: tuple[Shard, ...] = ()
 
-    def recipe(self) -> Configuration:
-        """The configuration as this program understands it."""
+    def recipe(self, folder: Path | None = None, plant: Plant | None = None) -> Configuration:
+        """The configuration as this program understands it; as `Configuration.from_json`."""
         try:
-            return Configuration.from_json(self.configuration)
+            return Configuration.from_json(self.configuration, folder, plant)
+        except DatasetError:
+            raise
         except (KeyError, TypeError, ValueError) as error:
             made = self.configuration.get("versions")
             raise DatasetError(
@@ -200,8 +238,19 @@ def differences(wanted: dict[str, Any], found: dict[str, Any], prefix: str = "")
         ours, theirs = wanted.get(name), found.get(name)
         if isinstance(ours, dict) and isinstance(theirs, dict):
             yield from differences(ours, theirs, f"{prefix}{name}.")
+        elif prefix == "plant.answers.":
+            if not alike(theirs, ours):
+                yield f"the plant's {name} has changed"
         elif ours != theirs:
             yield f"{prefix}{name} is {theirs!r} there and {ours!r} here"
+
+
+def _found(name: str, folder: Path | None, plant: Plant | None) -> Plant:
+    """The plant given, or that of the entry."""
+    try:
+        return entry.find(name, folder) if plant is None else entry.entered(plant, name)
+    except ValueError as error:
+        raise DatasetError(f"The data set needs its plant. {error}") from None
 
 
 def _digest(configuration: dict[str, Any]) -> str:

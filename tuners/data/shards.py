@@ -1,19 +1,19 @@
 """One shard: consecutive episodes as a Parquet file, a function of its configuration alone.
 
-| column | type | unit | |
+| column | of vehicles | type | |
 |---|---|---|---|
-| `episode` | int64 | 1 | number within the seed |
-| `mu_s`, `M_delta`, `v_x` | float64 | 1, kg, m/s | the vehicle |
-| `laguerre_1` ... or `armax_1` ... | float64 | | features |
-| `usable` | bool | | compression converged and the target is reachable |
-| `status` | int8 | | `yawrate_env.design.Status` of the design rule |
-| `kp`, `Ti` | float64 | s, s | gains of the design rule |
-| `log_gain`, `phase` | float64 | 1, rad | the same as loop coordinates |
-| `steer`, `yaw_rate` | float32[N] | rad, rad/s | the recording, on request |
+| `episode` | | int64 | number within the seed |
+| the prior's parameters | `mu_s`, `M_delta`, `v_x` | float64 | the plant |
+| `laguerre_1` ... or `armax_1` ... | | float64 | features; of what is measured beside, last |
+| `usable` | | bool | compression converged and the design rule has gains |
+| vehicles only | `status` | int8 | `yawrate_env.design.Status` of the design rule |
+| the gains | `kp`, `Ti` | float64 | of the design rule |
+| the learner's targets | `log_gain`, `phase` | float64 | the same in the plant's coordinates |
+| `u`, `y` | `steer`, `yaw_rate` | float32[N] | the recording, on request |
 """
 
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,51 +22,44 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from tuners.compressors import COMPRESSORS, described
+from tuners.compressors import described
 from tuners.data.manifest import Configuration, DatasetError, Shard, differences
-from tuners.plants.coordinates import loop
+from tuners.data.subject import FEATURE, Columns, target_names
 from tuners.plants.data import Examples, compressed
-from tuners.yaw_rate import context_of
 from yawrate_env.batch import concatenate
-from yawrate_env.design import Status
-from yawrate_env.judge import Judge
-from yawrate_env.vehicle import Context
 
-Columns = dict[str, NDArray[Any]]
-
-TARGETS = {"gains": ("kp", "Ti"), "loop": ("log_gain", "phase")}
-SIGNALS = ("steer", "yaw_rate")
-UNITS = {
-    "mu_s": "1", "M_delta": "kg", "v_x": "m/s", "kp": "s", "Ti": "s", "log_gain": "1",
-    "phase": "rad", "steer": "rad", "yaw_rate": "rad/s",
-}  # fmt: skip
 ROWS, RAW_ROWS = 8192, 512
 """At most so many rows are read at a time, without and with recordings."""
 
 
-def made(configuration: dict[str, Any], shard: Shard) -> bytes:
+def made(configuration: dict[str, Any], shard: Shard, home: Path | None = None) -> bytes:
     """Simulate a shard: the work of one process of a pool or a cluster.
 
     Parameters
     ----------
     configuration : dict
         `Configuration.to_json`, the versions of whoever writes the data set included.
+    home : Path, optional
+        Where a plant's module is on the machine of whoever writes the data set.
     """
-    recipe = Configuration.from_json(configuration)
+    try:
+        recipe = Configuration.from_json(configuration, home)
+    except DatasetError as error:
+        raise DatasetError(f"A worker: {error} Give all workers the same module.") from None
     other = list(differences(recipe.to_json(), configuration))
     if other:
         raise DatasetError(f"A worker has other versions: {'; '.join(other)}. Install the same.")
-    return written(columns(recipe, shard))
+    return written(columns(recipe, shard), recipe.subject.units)
 
 
 def columns(recipe: Configuration, shard: Shard) -> Columns:
     """Simulate a shard's episodes."""
     parts: list[Examples] = []
-    N = recipe.task.experiment.N
-    raw = {name: np.empty((shard.rows if recipe.raw else 0, N), np.float32) for name in SIGNALS}
-    done = 0
+    plant, signals, done = recipe.plant(), recipe.subject.signals, 0
+    shape = shard.rows if recipe.raw else 0, len(plant.u)
+    raw = {name: np.empty(shape, np.float32) for name in signals}
     for rows, block in compressed(
-        recipe.plant(),
+        plant,
         recipe.contexts.name,
         recipe.seed,
         shard.first,
@@ -75,27 +68,28 @@ def columns(recipe: Configuration, shard: Shard) -> Columns:
     ):
         parts.append(rows)
         if recipe.raw:
-            raw["steer"][done : done + len(rows)] = block.u
-            raw["yaw_rate"][done : done + len(rows)] = block.y
+            for name, signal in zip(signals, (block.u, block.y), strict=True):
+                raw[name][done : done + len(rows)] = signal
         done += len(rows)
     return _of_examples(concatenate(parts), recipe) | (raw if recipe.raw else {})
 
 
-def written(values: Columns) -> bytes:
+def written(values: Columns, units: Mapping[str, str] | None = None) -> bytes:
     """Columns as a Parquet file; the same columns always give the same bytes."""
+    units = units or {}
     fields, arrays = [], []
     for name, column in values.items():
         array = pa.array(np.ravel(column))
         if column.ndim == 2:
             array = pa.FixedSizeListArray.from_arrays(array, column.shape[1])
-        unit = {"unit": UNITS[name]} if name in UNITS else None
+        unit = {"unit": units[name]} if name in units else None
         fields.append(pa.field(name, array.type, nullable=False, metadata=unit))
         arrays.append(array)
     sink = io.BytesIO()
     pq.write_table(
         pa.Table.from_arrays(arrays, schema=pa.schema(fields)),
         sink,
-        row_group_size=_rows(values),
+        row_group_size=_rows(column.ndim == 2 for column in values.values()),
         compression="zstd",
         compression_level=3,
         use_dictionary=False,
@@ -108,9 +102,11 @@ def read(path: Path, names: Sequence[str] | None = None) -> Iterator[Columns]:
     """Columns of a shard, or all but the recordings, `ROWS` rows at a time or fewer."""
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            lists = {f.name: pa.types.is_fixed_size_list(f.type) for f in file.schema_arrow}
             if names is None:
-                names = [name for name in file.schema_arrow.names if name not in SIGNALS]
-            for batch in file.iter_batches(_rows(names), columns=list(names)):
+                names = [name for name, is_list in lists.items() if not is_list]
+            rows = _rows(lists[name] for name in names)
+            for batch in file.iter_batches(rows, columns=list(names)):
                 yield {name: _array(batch[name]) for name in names}
     except (OSError, KeyError, pa.ArrowException) as error:
         reason = " ".join(str(error).split())
@@ -119,51 +115,37 @@ def read(path: Path, names: Sequence[str] | None = None) -> Iterator[Columns]:
 
 def feature_names(names: Iterable[str]) -> list[str]:
     """Those of columns that are features."""
-    stages = tuple(f"{stage}_" for stage in COMPRESSORS)
-    return [name for name in names if name.startswith(stages)]
+    return [name for name in names if FEATURE.fullmatch(name)]
 
 
-def examples(values: Columns) -> Examples:
+def examples(values: Columns, recipe: Configuration) -> Examples:
     """Columns back to the record that training takes."""
+    plant = recipe.plant()
     theta, features, gains = (
         np.stack([values[name] for name in names], axis=1)
-        for names in (Context.__slots__, feature_names(values), TARGETS["gains"])
+        for names in (plant.prior, feature_names(values), plant.gains)
     )
-    gains[values["status"] != Status.OK] = np.nan
+    gains[~recipe.subject.reached(values)] = np.nan
     return Examples(values["episode"], theta, features, values["usable"], gains)
 
 
-def _rows(names: Iterable[str]) -> int:
-    return ROWS if set(SIGNALS).isdisjoint(names) else RAW_ROWS
+def _rows(recordings: Iterable[bool]) -> int:
+    return RAW_ROWS if any(recordings) else ROWS
 
 
 def _of_examples(rows: Examples, recipe: Configuration) -> Columns:
-    stage = described(recipe.compressor)["name"]
-    features = {f"{stage}_{i}": column for i, column in enumerate(rows.features.T, start=1)}
-    gains, status = _designed(rows, recipe)
-    log_gain, phase = loop(recipe.task.target).encode(gains).T
+    plant, stage = recipe.plant(), described(recipe.compressor)["name"]
+    further, gains = recipe.subject.designed(rows)
+    targets = plant.coordinates.encode(gains)
     return {
         "episode": rows.number,
-        **dict(zip(Context.__slots__, rows.theta.T, strict=True)),
-        **features,
+        **dict(zip(plant.prior, rows.theta.T, strict=True)),
+        **{f"{stage}_{i}": column for i, column in enumerate(rows.features.T, start=1)},
         "usable": rows.usable,
-        "status": status,
-        "kp": gains[:, 0],
-        "Ti": gains[:, 1],
-        "log_gain": log_gain,
-        "phase": phase,
+        **further,
+        **dict(zip(plant.gains, gains.T, strict=True)),
+        **dict(zip(target_names(plant), targets.T, strict=True)),
     }
-
-
-def _designed(rows: Examples, recipe: Configuration) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The design rule's gains, those that miss the target too, and how far it came."""
-    gains, status = rows.gains.copy(), np.zeros(len(rows), np.int8)
-    missed = np.isnan(gains).any(axis=1)
-    if missed.any():
-        found = Judge.of(recipe.task, context_of(rows.theta[missed])).oracle()
-        gains[missed] = np.stack([found.kp, found.Ti], axis=1)
-        status[missed] = found.status
-    return gains, status
 
 
 def _array(column: Any) -> NDArray[Any]:

@@ -10,14 +10,16 @@ from tuners.catalogue import RECIPES
 from tuners.data import shards
 from tuners.data.folder import Folder
 from tuners.data.manifest import Configuration, Shard
+from tuners.data.subject import Columns, target_names
 from tuners.laguerre import Laguerre
+from tuners.plants.plant import Plant
 from yawrate_env import validation
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.task import Task
 
 Array = NDArray[np.float64]
 
-_DESCRIPTION = """Yaw-rate controllers from identification episodes
+_OF_VEHICLES = """Yaw-rate controllers from identification episodes
 
 {rows} vehicles of unknown friction and mass, context set {contexts}, seed {seed}.
 Features: {compressor} fitted to each vehicle's noisy response to a steering sequence.
@@ -32,6 +34,13 @@ _MEANING = {
     "gains": "proportional gain kp [s] and integral time Ti [s] of the PI controller",
     "loop": "log magnitude and phase [rad] of the PI controller at that frequency",
 }
+_OF_PLANTS = """Controllers of {entry} from identification episodes
+
+{rows} plants of its prior, context set {contexts}, seed {seed}.
+Features: {compressor} fitted to each plant's noisy recording.
+Targets: {targets}, of the design rule that knows the plant.
+Plants for which it has none are left out.
+"""
 
 
 class Bunch(dict[str, Any]):
@@ -51,15 +60,15 @@ def load_gains(
     return_X_y: bool = False,
     as_frame: bool = False,
 ) -> Any:
-    """Load a regression problem: from an episode's features to its vehicle's gains.
+    """Load a regression problem: from an episode's features to its plant's gains.
 
     Parameters
     ----------
     folder : path, optional
         A data set that `generate` wrote; without one 1500 vehicles are simulated, always
         the same, which takes a second.
-    coordinates : {"gains", "loop"}
-        What to predict.
+    coordinates : {"gains", "loop", "own"}
+        What to predict: gains, or for vehicles loop coordinates, for other plants their own.
     return_X_y : bool
         Return ``(data, target)`` alone.
     as_frame : bool
@@ -68,26 +77,26 @@ def load_gains(
     Returns
     -------
     Bunch or tuple
-        ``data`` (m, n), ``target`` (m, 2), ``feature_names``, ``target_names``, ``frame``
+        ``data`` (m, n), ``target`` (m, k), ``feature_names``, ``target_names``, ``frame``
         (both side by side, or None) and ``DESCR``.
     """
-    target_names = shards.TARGETS[
-        validation.one_of("coordinates", coordinates, tuple(shards.TARGETS))
-    ]
     recipe, columns = _columns(folder)
+    plant = recipe.plant()
+    targets = {"gains": plant.gains, recipe.subject.coordinates: target_names(plant)}
+    chosen = targets[validation.one_of("coordinates", coordinates, tuple(targets))]
     feature_names = shards.feature_names(columns)
     data, target = (
         np.stack([columns[name][columns["usable"]] for name in names], axis=1)
-        for names in (feature_names, target_names)
+        for names in (feature_names, chosen)
     )
     frame = None
     if as_frame:
         import pandas
 
         frame = pandas.DataFrame(
-            np.concatenate([data, target], axis=1), columns=[*feature_names, *target_names]
+            np.concatenate([data, target], axis=1), columns=[*feature_names, *chosen]
         )
-        data, target = frame[feature_names], frame[list(target_names)]
+        data, target = frame[feature_names], frame[list(chosen)]
     if return_X_y:
         return data, target
     return Bunch(
@@ -95,20 +104,27 @@ def load_gains(
         target=target,
         frame=frame,
         feature_names=feature_names,
-        target_names=list(target_names),
-        DESCR=_DESCRIPTION.format(
-            rows=len(data),
-            contexts=recipe.contexts.name,
-            seed=recipe.seed,
-            compressor=recipe.compressor,
-            margin=recipe.task.target.phase_margin,
-            crossover=recipe.task.target.crossover,
-            targets=_MEANING[coordinates],
-        ),
+        target_names=list(chosen),
+        DESCR=_described(recipe, len(data), coordinates, chosen),
     )
 
 
-def _columns(folder: str | os.PathLike[str] | None) -> tuple[Configuration, shards.Columns]:
+def _described(recipe: Configuration, rows: int, coordinates: str, targets: tuple[str, ...]) -> str:
+    common = {
+        "rows": rows,
+        "contexts": recipe.contexts.name,
+        "seed": recipe.seed,
+        "compressor": recipe.compressor,
+    }
+    if isinstance(recipe.what, Plant):
+        entry, named = recipe.what.entry, ", ".join(targets)
+        return _OF_PLANTS.format(entry=entry, targets=named, **common)
+    target, meaning = recipe.what.target, _MEANING[coordinates]
+    loop = {"margin": target.phase_margin, "crossover": target.crossover}
+    return _OF_VEHICLES.format(targets=meaning, **loop, **common)
+
+
+def _columns(folder: str | os.PathLike[str] | None) -> tuple[Configuration, Columns]:
     if folder is None:
         episodes = RECIPES["ts-ff-lag"].vehicles
         train = CONTEXT_SETS["train"]

@@ -2,19 +2,24 @@
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tuners.catalogue import RECIPES, TRAINING_SEED
-from tuners.data.folder import Folder, verify
+from tuners.data.folder import Folder, check
 from tuners.data.manifest import DatasetError
 from tuners.plants.coordinates import Coordinates
-from tuners.stages import LEAST_USABLE, Stages, trains
+from tuners.plants.plant import Plant
+from tuners.plants.training import CALIBRATION, check_calibration, finished, recipe_for
+from tuners.plants.tuner import PlantTuner
+from tuners.stages import LEAST_USABLE, Recipe, Stages, trains
 from tuners.two_stage import TwoStage
 from tuners.yaw_rate import yaw_rate
 from yawrate_env import validation
+from yawrate_env.task import Task
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -27,7 +32,7 @@ def train(
     seed: int = TRAINING_SEED,
     progress: Progress | None = None,
 ) -> TwoStage:
-    """Train one of `tuners.RECIPES` from a folder that `generate` wrote.
+    """Train one of `tuners.RECIPES` from a folder of vehicles that `generate` wrote.
 
     The same split, scaling and method as `tuners.train` has.  The network comes out the
     same to rounding: Levenberg and Marquardt's equations are summed part by part, exactly.
@@ -45,21 +50,91 @@ def train(
     recipe = RECIPES[validation.one_of("tuner", name, tuple(RECIPES))]
     validation.count("seed", seed, at_least=0)
     folder = Folder(dataset)
+    task = folder.recipe.what
+    if not isinstance(task, Task):
+        raise DatasetError(f"{dataset} holds no vehicles. Use tuners.data.train_plant.")
+    coordinates = yaw_rate(task, recipe.coordinates).coordinates
+    stages, training = fit(folder, name, recipe, coordinates, seed, progress)
+    return TwoStage(task, stages, recipe.coordinates, training)
+
+
+def train_plant(
+    dataset: str | os.PathLike[str],
+    recipe: Recipe | None = None,
+    *,
+    plant: Plant | None = None,
+    seed: int = TRAINING_SEED,
+    calibration: int = CALIBRATION,
+    progress: Progress | None = None,
+) -> PlantTuner:
+    """Train a plant's tuner from a folder that `generate` wrote, and calibrate its intervals.
+
+    As `tuners.plants.train` does with one recording of every plant; the intervals' episodes
+    are simulated.
+
+    Parameters
+    ----------
+    dataset : path
+        The folder.
+    recipe : Recipe, optional
+        Its compressor must be the folder's; by default that, and `recipe_for`'s learner.
+    plant : Plant, optional
+        As for `Folder`.
+    seed : int
+        Of the split, the learner and the calibration; 80 % of the plants train.
+    calibration : int
+        Episodes that calibrate the intervals; 0 leaves those of a normal error.
+    progress : callable, optional
+        Called with what is being done, how far it is, and how far it goes.
+    """
+    validation.count("seed", seed, at_least=0)
+    check_calibration(calibration)
+    folder = Folder(dataset, plant)
+    found = folder.recipe.what
+    if not isinstance(found, Plant):
+        raise DatasetError(f"{dataset} holds vehicles. Use tuners.data.train.")
+    recipe = recipe or replace(recipe_for(found), compressor=folder.recipe.compressor)
+    stages, training = fit(folder, "custom", recipe, found.coordinates, seed, progress)
+    return finished(found, stages, training, calibration, seed, progress)
+
+
+def fit(
+    folder: Folder,
+    name: str,
+    recipe: Recipe,
+    coordinates: Coordinates,
+    seed: int,
+    progress: Progress | None = None,
+) -> tuple[Stages, dict[str, Any]]:
+    """Train the second stage on a folder; as `tuners.plants.training.fit`.
+
+    Parameters
+    ----------
+    name : str
+        What the recipe is called.
+    coordinates : Coordinates
+        What the learner predicts.
+
+    Returns
+    -------
+    Stages
+    dict
+        How they were trained, for the record.
+    """
     if folder.recipe.compressor != recipe.compressor:
         raise DatasetError(
-            f"{dataset} has features of {folder.recipe.compressor}, {name} works on those of "
+            f"{folder.path} has features of {folder.recipe.compressor}, {name} works on those of "
             f"{recipe.compressor}. Generate a data set with that compressor."
         )
-    verify(dataset, progress=progress)
+    check(folder, progress)
     part = trains(len(folder), seed)
-    plant = yaw_rate(folder.recipe.task, recipe.coordinates)
-    training, checking = (Part(folder, p, plant.coordinates) for p in (part, ~part))
+    training, checking = (Part(folder, p, coordinates) for p in (part, ~part))
     used = [sum(len(X) for X, _ in batches) for batches in (training, checking)]
     if min(used) == 0 or sum(used) < LEAST_USABLE:
         raise DatasetError(
             f"{sum(used)} of {len(folder)} episodes are usable, at least {LEAST_USABLE} are "
-            "needed, for training and for validation. Choose a target that a PI can reach, or "
-            "generate more."
+            "needed, for training and for validation. Choose a target that the controller can "
+            "reach, or generate more."
         )
 
     def report(done: int, of: int) -> None:
@@ -67,7 +142,7 @@ def train(
             progress(f"training {name}", done, of)
 
     learner = recipe.learner.fit_batches(training, checking, seed, report)
-    record = {
+    return Stages(recipe.compressor, learner), {
         "name": name,
         "vehicles": len(folder),
         "noise_draws": 1,
@@ -75,13 +150,11 @@ def train(
         "seed": seed,
         "context": folder.recipe.contexts.name,
     }
-    stages = Stages(recipe.compressor, learner)
-    return TwoStage(folder.recipe.task, stages, recipe.coordinates, record)
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Usable features and targets of some vehicles, read again at every iteration."""
+    """Usable features and targets of some plants, read again at every iteration."""
 
     folder: Folder
     chosen: NDArray[np.bool_]

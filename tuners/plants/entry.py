@@ -11,7 +11,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from copy import copy
 from importlib import import_module
 from pathlib import Path
 
@@ -44,7 +44,36 @@ def find(entry: str | Plant, folder: Path | None = None) -> Plant:
     if not isinstance(found, Plant):
         what = "has no such attribute" if found is None else f"holds a {type(found).__name__}"
         raise ValueError(f"entry = {entry!r}: {name} {what}, wanted a tuners.plants.Plant.")
-    return found if found.entry == entry else replace(found, entry=entry)
+    return entered(found, entry)
+
+
+def entered(plant: Plant, entry: str) -> Plant:
+    """The plant as one of that entry; nothing else of it needs another check."""
+    if plant.entry == entry:
+        return plant
+    renamed = copy(plant)
+    object.__setattr__(renamed, "entry", entry)
+    return renamed
+
+
+def named(plant: Plant, what: str) -> str:
+    """The plant's entry, or ``ValueError`` where `what` could not find the plant again."""
+    if not plant.entry:
+        raise ValueError(
+            f'{what} must find its plant again: give the plant entry="module:attribute", for '
+            'example entry="my_plant:plant".'
+        )
+    return plant.entry
+
+
+def home(entry: str) -> Path | None:
+    """The folder from which an entry's module was imported; None if no file holds it."""
+    name = entry.partition(":")[0]
+    module = sys.modules.get(name)
+    if module is None or not getattr(module, "__file__", None):
+        return None
+    depth = name.count(".") + hasattr(module, "__path__")
+    return Path(str(module.__file__)).resolve().parents[depth]
 
 
 def from_toml(path: Path) -> Plant | None:

@@ -121,12 +121,29 @@ def train(
     progress : callable, optional
         Called with what is being done, how far it is, and how far it goes.
     """
-    if calibration:
-        validation.count("calibration", calibration, at_least=50, remedy="Simulate more.")
+    check_calibration(calibration)
     recipe = recipe or recipe_for(plant)
     stages, training = fit(
         plant, recipe, count=count, seed=seed, name=PlantTuner.kind, progress=progress
     )
+    return finished(plant, stages, training, calibration, seed, progress)
+
+
+def check_calibration(calibration: int) -> None:
+    """``ValueError`` for a number of episodes that calibrates nothing, before any work."""
+    if calibration:
+        validation.count("calibration", calibration, at_least=50, remedy="Simulate more.")
+
+
+def finished(
+    plant: Plant,
+    stages: Stages,
+    training: dict[str, Any],
+    calibration: int,
+    seed: int,
+    progress: Progress | None = None,
+) -> PlantTuner:
+    """Trained stages and what they were trained for as a tuner, calibrated."""
     tuner = PlantTuner(plant, stages, functions_for(plant), training)
     if calibration:
         calibrate(tuner, calibration, seed, progress)

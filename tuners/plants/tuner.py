@@ -13,10 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from tuners import model_file
 from tuners.compressors import described
 from tuners.laguerre import Laguerre
-from tuners.plants import entry
+from tuners.plants import entry, fingerprint
 from tuners.plants.black_box import black_box
 from tuners.plants.data import sample
-from tuners.plants.figure import Figure
 from tuners.plants.plant import Plant
 from tuners.plants.trust import GAUSSIAN, Assessment, Finding, assess
 from tuners.result import Check, Interval
@@ -213,21 +212,16 @@ class PlantTuner:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write one file, completely or not at all; the plant itself stays where its entry says."""
-        if not self.plant.entry:
-            raise ValueError(
-                "A saved tuner must find its plant again: give the plant "
-                'entry="module:attribute", for example entry="my_plant:plant".'
-            )
         settings = {
             "kind": self.kind,
-            "entry": self.plant.entry,
-            "plant": _settings(self.plant),
+            "entry": entry.named(self.plant, "A saved tuner"),
+            "plant": fingerprint.settings(self.plant),
             **self.stages.settings(),
             "black_box": described(self.black_box),
             "training": self.training,
             "calibration": list(self.calibration),
         }
-        trial = {f"trial.{name}": array for name, array in _trial(self.plant).items()}
+        trial = {f"trial.{name}": array for name, array in fingerprint.trial(self.plant).items()}
         model_file.write(path, settings, {**self.stages.learner.arrays(), **trial})
 
     def _middle(self, count: int) -> Array:
@@ -297,7 +291,12 @@ def load(path: str | os.PathLike[str], plant: Plant | None = None) -> PlantTuner
         found = plant or entry.find(settings["entry"], Path(path).parent)
     except ValueError as error:
         raise model_file.ModelFileError(f"{path} needs its plant. {error}") from None
-    _check_unchanged(path, found, settings["plant"], arrays)
+    answers = {n.removeprefix("trial."): a for n, a in arrays.items() if n.startswith("trial.")}
+    if other := fingerprint.changed(found, settings["plant"], answers):
+        raise model_file.ModelFileError(
+            f"{path} was trained for another {found.entry or 'plant'}: since then its {other} "
+            "changed. Train again, or restore the description."
+        )
     return PlantTuner(
         found,
         Stages.from_file(settings, arrays),
@@ -305,51 +304,3 @@ def load(path: str | os.PathLike[str], plant: Plant | None = None) -> PlantTuner
         settings["training"],
         tuple(settings["calibration"]),
     )
-
-
-def _settings(plant: Plant) -> dict[str, Any]:
-    """What can be compared by value, as plain JSON values."""
-    return {
-        "prior": [[name, *ends] for name, ends in plant.prior.items()],
-        "gains": list(plant.gains),
-        "Ts": plant.Ts,
-        "measured": [[name, slack] for name, slack in plant.measured.items()],
-        "figures": [
-            [name, *(float(plant.figure(of)[i]) for of in Figure.__slots__)]
-            for i, name in enumerate(plant.figures)
-        ],
-    }
-
-
-def _trial(plant: Plant) -> dict[str, Array]:
-    """What can only be compared by what it answers: to plants that are always the same."""
-    theta = sample(plant, 3)
-    return {
-        "u": plant.u,
-        "simulate": plant.respond(theta),
-        "noise": plant.sigma(plant.respond(theta)),
-        "design": plant.oracle(theta),
-        "coordinates": plant.coordinates.encode(plant.oracle(theta)),
-        "judge": plant.judged(theta, plant.oracle(plant.middle).repeat(3, axis=0)),
-    }
-
-
-def _check_unchanged(
-    path: Any, plant: Plant, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]
-) -> None:
-    changed = [name for name, value in _settings(plant).items() if settings.get(name) != value]
-    if not changed:
-        now = _trial(plant)
-        changed = [name for name in now if not _same(arrays[f"trial.{name}"], now[name])]
-    if changed:  # what comes after the first may be its consequence
-        raise model_file.ModelFileError(
-            f"{path} was trained for another {plant.entry or 'plant'}: since then its "
-            f"{changed[0]} changed. Train again, or restore the description."
-        )
-
-
-def _same(then: Array, now: Array) -> bool:
-    """Equal but for what another machine's rounding may do."""
-    if then.shape != now.shape:
-        return False
-    return np.allclose(then, now, rtol=1e-6, atol=1e-9 * np.abs(then).max(), equal_nan=True)
