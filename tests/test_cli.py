@@ -49,7 +49,7 @@ def answering(monkeypatch):
         def __init__(self, trusted, fitted):
             self.result, _, self.task = answer(trusted, fitted)
 
-        def tune(self, u, y, Ts, v_x=None):
+        def tune(self, u, y, Ts, v_x=None, start="auto"):
             return self.result
 
     def use(trusted=True, fitted=True):

@@ -18,25 +18,30 @@ class Trial:
 
     tuner: "Tuner"
     log: Log
+    start: str
 
     def __call__(self, *, sign: int = 1, late: int = 0) -> TuningResult:
         """With the steering times `sign`, and the yaw rate `late` samples earlier."""
         log, last = self.log, len(self.log.steer) - late
         steer, yaw_rate, speed = sign * log.steer[:last], log.yaw_rate[late:], log.speed[late:]
-        return self.tuner.tune(steer, yaw_rate, log.Ts, speed)
+        return self.tuner.tune(steer, yaw_rate, log.Ts, speed, self.start)
 
 
-def hints(tuner: "Tuner", log: Log, result: TuningResult, flipped: bool) -> tuple[str, ...]:
+def hints(
+    tuner: "Tuner", log: Log, result: TuningResult, start: str, flipped: bool
+) -> tuple[str, ...]:
     """In words, what makes a vehicle fit, if none does and something is found.
 
     Parameters
     ----------
+    start : {"auto", "rest", "unknown"}
+        As the tuner was told.
     flipped : bool
         Whether the steering's sign was reversed already.
     """
     if fits(result):
         return ()
-    trial = Trial(tuner, log)
+    trial = Trial(tuner, log, start)
     if fits(trial(sign=-1)):
         remedy = "leave out" if flipped else "try"
         return (f"With the steering's sign reversed a vehicle fits: {remedy} --flip-steer.",)
