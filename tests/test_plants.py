@@ -1,5 +1,7 @@
 """Tuners for any plant, on one whose parameters, bound and gains are known in closed form."""
 
+import sys
+
 import numpy as np
 import pytest
 from first_order import SIGMA, TAU, U, by_one, described, design, plant, simulate, slopes
@@ -326,6 +328,30 @@ def test_saving_and_loading_say_what_is_missing(tuner, tmp_path, monkeypatch):
 def test_entry_points_that_lead_nowhere(entry, words):
     with pytest.raises(ValueError, match=words):
         plants.find(entry)
+
+
+SAME_NAME = """
+import dataclasses
+import first_order
+import shared_by_both
+plant = dataclasses.replace(first_order.plant, prior={"K": shared_by_both.K, "T": (0.2, 1.0)})
+"""
+
+
+def test_modules_of_one_name_are_each_folders_own(tmp_path):
+    folders = [tmp_path / name for name in "ab"]
+    for high, folder in enumerate(folders, start=2):
+        folder.mkdir()
+        (folder / "clashing.py").write_text(SAME_NAME)
+        (folder / "shared_by_both.py").write_text(f"K = (0.5, {high})")
+    found = [plants.find("clashing:plant", folder) for folder in (*folders, *folders)]
+    assert [p.prior["K"][1] for p in found] == [2, 3, 2, 3]
+    assert sys.modules["clashing"].plant.prior["K"][1] == 2  # the first stays
+    assert str(tmp_path) not in "".join(sys.path)
+
+
+def test_a_module_that_is_imported_already_is_used_where_the_folder_has_none(tmp_path):
+    assert plants.find("first_order:plant", tmp_path) is plant
 
 
 def test_the_tuner_is_a_policy_of_the_plants_environment(tuner, tested):

@@ -143,6 +143,7 @@ def correlation(found: Correlation, title: str) -> Figure:
         axes.plot(found.lag[inner], found.value[inner], color=rendering.YAW_RATE, lw=1.0)
         axes.set(title=title, ylim=(-limit, limit), xlim=(found.lag[0], found.lag[-1]))
         axes.set(xlabel="lag [s]", ylabel="correlation")
+        axes.xaxis.set_major_locator(MaxNLocator(5))
     return picture
 
 

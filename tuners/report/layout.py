@@ -74,6 +74,7 @@ def pictures(traces: Traces, residuals: Residuals, input: str, **more: Any) -> d
 def judged(name: str, interval: Interval, unit: str) -> Number:
     """A figure as the verdict shows it: name, value with its unit, and the interval below."""
     value, _, below = minus(between(interval, unit)).partition(", ")
+    below = below.replace(" %", "\N{NO-BREAK SPACE}%")
     return name, value, "", below or "the recording does not say"
 
 

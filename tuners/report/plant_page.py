@@ -1,7 +1,6 @@
 """From an answer about a plant to its page."""
 
 import os
-from typing import Any
 
 from tuners.plants.log import PlantLog
 from tuners.plants.plant import Plant
@@ -16,14 +15,16 @@ LONGEST_LAG = 0.05
 """In lengths of the experiment."""
 
 CHECKS = {
-    "noise": ("Residual over simulated output", "1"),
-    "misfit": ("Output that no plant explains", "1"),
-    "response": ("Response off the fitted plant's", "1"),
-    "outside": ("Plant outside the prior, in widths of it", "1"),
-    "colour": ("Residual's power at the crossover, over white", "1"),
-    "unsolved": ("Design or numerics failed", "1"),
+    "noise": ("Residual over simulated output", ""),
+    "misfit": ("Output that no plant explains", ""),
+    "response": ("Response off the fitted plant's", ""),
+    "outside": ("Plant outside the prior, in widths of it", ""),
+    "colour": ("Residual's power at the crossover, over white", ""),
+    "unsolved": ("Design or numerics failed", ""),
 }
 """Names and units for people, of what is asked of every plant."""
+
+_WORDS = ("input", "output")
 
 
 def write_plant_report(
@@ -68,9 +69,6 @@ def render_plant(result: PlantResult, log: PlantLog, made: PlantTuner, tuner: st
     )
 
 
-_WORDS = ("input", "output")
-
-
 def _words(signal: str, word: str) -> str:
     """A signal's name without its unit; what it is, where the name is a symbol."""
     name = signal.partition(" [")[0]
@@ -82,7 +80,8 @@ def _numbers(result: PlantResult) -> list[tuple[str, str, str, str]]:
     figures = []
     for name, interval in result.figures.items():
         words, bracket, unit = name.partition(" [")
-        figures.append(judged(_capital(words), interval, f" {unit[:-1]}" if bracket else ""))
+        shown = {"deg]": "°"}.get(unit, f" {unit[:-1]}" if bracket else "")
+        figures.append(judged(_capital(words), interval, shown))
     return gains + figures
 
 
@@ -120,14 +119,14 @@ def _assumed(
     _, _, unit = plant.signals[1].partition(" [")
     offset = minus(f"{fit.offset:.3g}") + (f" {unit[:-1]}" if unit else "")
     start = "from rest, without offset" if fit.from_rest else f"anywhere; offset {offset}"
-    known: Any = (f"{name} {value:.4g}" for name, value in log.measured.items())
+    known = ", ".join(f"{name} {value:.4g}" for name, value in log.measured.items())
     return [
         ("Tuner", tuner),
         ("Plant", plant.entry or "without an entry point"),
-        ("From, to", f"{plant.signals[0]}, {plant.signals[1]}"),
+        ("Signals", " to ".join(plant.signals)),
         ("Experiment trained on", experiment),
         ("Recording", f"{log.duration:.4g} s, every {1e3 * log.Ts:.4g} ms"),
-        *([("Measured beside it", ", ".join(known))] if log.measured else []),
+        *([("Measured beside it", known)] if known else []),
         ("Start", start),
         ("Signal to noise", minus(f"{fit.snr_db:.1f} dB")),
     ]
