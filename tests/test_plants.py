@@ -331,10 +331,10 @@ def test_entry_points_that_lead_nowhere(entry, words):
 
 
 SAME_NAME = """
-import dataclasses
 import first_order
 import shared_by_both
-plant = dataclasses.replace(first_order.plant, prior={"K": shared_by_both.K, "T": (0.2, 1.0)})
+prior = {"K": shared_by_both.K, "T": (0.2, 1.0)}
+plant = first_order.described(prior=prior, entry="clashing:plant")
 """
 
 
