@@ -55,6 +55,23 @@ CLI_PAGE = """\
 | 3 | of `tune`: the gains are not trusted; the reasons are in the output |
 
 {commands}
+
+## Logs of a plant of your own
+
+`yawrate tune log.csv --tuner my.tuner` takes the tuner of [a plant](plants.md) as it takes a
+vehicle's, with the same formats, exit statuses, `--report` and `--json`. What differs:
+
+| | |
+|---|---|
+| columns | called as the plant calls its signals and measured parameters, or `u` and `y`; others by `--input-column`, `--output-column` |
+| units and signs | the plant's own: `--input-scale 0.001` for mV where it has V, `--output-scale -1` for a sensor that counts the other way |
+| measured parameters | a column's mean over the stretch that is used, or `--measured speed=20` |
+| sampling | resampled to the plant's: the input is held, the output follows a cubic spline. Slower than a tenth of the crossover's period is refused, or than ten of the plant's samples if it has no crossover |
+| stretch | of a log longer than two experiments the best-excited part, for plants with `linear=True`; others start from rest, and are used from the first sample |
+| `--start` | where responses do not add up, `auto` means `rest` |
+
+Nothing is known of what the quantities may be: only what stands still is refused, and the
+checks of trust have to find wrong units. A vehicle's flags are refused by name.
 """
 
 

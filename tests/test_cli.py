@@ -268,6 +268,12 @@ def test_a_reversed_sign_and_a_late_channel_are_found(tmp_path):
     assert code == UNTRUSTED and "late:" not in out and "flip" not in out
 
 
+def test_the_start_is_the_users():
+    fits = [json.loads(call("tune", EXAMPLE, "--json", "--start", start)[1])["fit"]
+            for start in ("auto", "unknown", "rest")]  # fmt: skip
+    assert fits[0] == fits[1] and not fits[0]["from_rest"] and fits[2]["from_rest"]
+
+
 def test_what_is_read_is_not_written_over(tmp_path):
     log, car = tmp_path / "log.html", tmp_path / "car.tuner"
     log.write_bytes(EXAMPLE.read_bytes())

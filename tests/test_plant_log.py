@@ -202,6 +202,18 @@ def test_start_and_offset_are_estimated_or_not(tuned, written):
     assert not found["trusted"] and found["fit"]["from_rest"]
 
 
+def test_a_reversed_sign_and_a_late_channel_are_found(tuned, written):
+    reversed_log = written(**{"valve [%]": -U})
+    found = tuned(reversed_log)
+    assert "With the input's sign reversed a plant fits: try --input-scale -1." in found["notes"]
+    assert tuned(reversed_log, "--input-scale", -1)["trusted"]
+    late = 4
+    log = {"t": COLUMNS["t"][late:], "u": U[late:], "y": Y[:-late], "K": COLUMNS["K"][late:]}
+    found = tuned(written(log))
+    assert any("logged 0.08 s late" in note for note in found["notes"]), found["notes"]
+    assert not any("earlier" in note for note in tuned(written())["notes"])
+
+
 def test_what_stands_still_is_refused(written, tuner):
     of = ("--tuner", tuner)
     assert "valve [%] is constant (0): nothing moves" in refused(

@@ -21,7 +21,8 @@ class Grouped(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the sections."""
-        shown = [(getattr(p, "kind", ""), p.get_help_record(ctx)) for p in self.get_params(ctx)]
+        options = [p for p in self.get_params(ctx) if isinstance(p, click.Option)]
+        shown = [(getattr(p, "kind", ""), p.get_help_record(ctx)) for p in options]
         for kind in ("", VEHICLE, PLANT):
             with formatter.section(f"Options for a {kind}'s log" if kind else "Options"):
                 formatter.write_dl([row for of, row in shown if of == kind and row is not None])

@@ -1,7 +1,7 @@
 """What ``train`` and ``tune`` do for one's own plant instead of a vehicle."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +9,16 @@ import click
 import numpy as np
 
 from tuners.cli.answer import plain
+from tuners.cli.hints import Array, Trial, hints
 from tuners.plants.log import PlantLog, PlantOptions, read_log
 from tuners.plants.plant import Plant
 from tuners.plants.result import PlantResult
 from tuners.words import best, between
 
 VALIDATION = 300
+
+STEP, LATEST = 0.001, 0.03
+"""How much earlier an output is tried, in lengths of the experiment."""
 
 
 def train(plant: Plant, out: Path, episodes: int | None, seed: int) -> str:
@@ -43,7 +47,24 @@ def tune(
 
     trained = load(tuner)
     recording = read_log(log, trained.plant, options)
-    result = trained.tune(recording.u, recording.y, recording.Ts, recording.measured, start)
+    Ts, length = recording.Ts, len(trained.plant.u) * trained.plant.Ts
+
+    def answer_to(u: Array, y: Array) -> PlantResult:
+        return trained.tune(u, y, Ts, recording.measured, start)
+
+    result = answer_to(recording.u, recording.y)
+    found = hints(
+        Trial(answer_to, recording.u, recording.y),
+        result,
+        step=round(STEP * length / Ts),
+        latest=int(LATEST * length / Ts),
+        sign="With the input's sign reversed a plant fits: try --input-scale "
+        f"{-options.input_scale:g}.",
+        late=lambda samples: (
+            f"The output seems to be logged {samples * Ts:.3g} s late: earlier, a plant fits."
+        ),
+    )
+    result = replace(result, notes=(*result.notes, *found))
     if machine:
         click.echo(json.dumps(as_json(result, recording, tuner), indent=1))
     else:

@@ -11,15 +11,19 @@ from tuners.cli import answer, plant
 from tuners.cli.example import example
 from tuners.cli.files import READABLE, Output, keep
 from tuners.cli.grouped import PLANT, VEHICLE, Grouped, refuse_others
-from tuners.cli.hints import hints
+from tuners.cli.hints import Array, Trial, hints
 from tuners.cli.log_options import log_options
 from tuners.cli.tuner_option import loaded
 from tuners.logs import Options, SelectionError, read_log
 from tuners.plants.black_box import STARTS
 from tuners.plants.log import PlantOptions
+from tuners.result import TuningResult
 
 DEFAULT = "ts-ff-lag-vx"
 UNTRUSTED = 3
+
+STEP, LATEST = 0.01, 0.3
+"""How much earlier a yaw rate is tried [s]."""
 
 
 @click.command(
@@ -56,7 +60,7 @@ def command(
     stretch is used.
 
     With the tuner of a plant of your own the columns are t, u and y, or what the plant
-    calls its signals and measured parameters, and the gains are the plant's.
+    calls its signals and measured parameters.
 
     Exit status: 0 trusted, 3 not trusted, 1 unusable data, 2 wrong usage.
     """
@@ -79,9 +83,24 @@ def tune(
     """Print the gains for a vehicle's log; returns whether they are trusted."""
     trained = loaded(tuner)
     recording = read_log(log, trained.task, options)
-    steer, yaw_rate, speed = recording.steer, recording.yaw_rate, recording.speed
-    result = trained.tune(steer, yaw_rate, recording.Ts, speed, start)
-    found = hints(trained, recording, result, start, options.steer_sign < 0)
+    Ts, remedy = recording.Ts, "leave out" if options.steer_sign < 0 else "try"
+
+    def answer_to(steer: Array, yaw_rate: Array) -> TuningResult:
+        speed = recording.speed[-len(yaw_rate) :]
+        return trained.tune(steer, yaw_rate, Ts, speed, start)
+
+    result = answer_to(recording.steer, recording.yaw_rate)
+    found = hints(
+        Trial(answer_to, recording.steer, recording.yaw_rate),
+        result,
+        step=round(STEP / Ts),
+        latest=int(LATEST / Ts + 1e-9),
+        sign=f"With the steering's sign reversed a vehicle fits: {remedy} --flip-steer.",
+        late=lambda samples: (
+            f"The yaw rate seems to be logged {1e3 * samples * Ts:.0f} ms late: earlier, a "
+            "vehicle fits."
+        ),
+    )
     result = replace(result, notes=(*result.notes, *found))
     if machine:
         click.echo(json.dumps(answer.as_json(result, recording, trained.task, tuner), indent=1))
