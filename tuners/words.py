@@ -32,3 +32,8 @@ def best(fallback: dict[str, float]) -> str:
         return "No gains are stable for every plant of the prior: narrow it, or ask for less."
     listed = ", ".join(f"{name} {value:.4g}" for name, value in fallback.items())
     return f"Best for every plant of the prior: {listed}."
+
+
+def every(Ts: float) -> str:
+    """A sampling time [s]."""
+    return f"every {Ts:.4g} s" if Ts >= 1 else f"every {1e3 * Ts:.4g} ms"

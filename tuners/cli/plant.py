@@ -13,7 +13,7 @@ from tuners.cli.hints import Array, Trial, hints
 from tuners.plants.log import PlantLog, PlantOptions, read_log
 from tuners.plants.plant import Plant
 from tuners.plants.result import PlantResult
-from tuners.words import best, between
+from tuners.words import best, between, every
 
 VALIDATION = 300
 
@@ -137,7 +137,5 @@ def as_text(result: PlantResult, log: PlantLog) -> str:
 def described(log: PlantLog) -> str:
     """One line about a log."""
     beside = "".join(f", {name} {value:.4g}" for name, value in log.measured.items())
-    return (
-        f"{log.source}: {log.t0:.2f} to {log.t0 + log.duration:.2f} s, "
-        f"every {1e3 * log.Ts:.4g} ms{beside}"
-    )
+    end = log.t0 + log.duration
+    return f"{log.source}: {log.t0:.2f} to {end:.2f} s, {every(log.Ts)}{beside}"

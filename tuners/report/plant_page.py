@@ -8,7 +8,7 @@ from tuners.plants.result import PlantResult
 from tuners.plants.tuner import PlantTuner
 from tuners.report.figures import Traces
 from tuners.report.layout import Residuals, judged, minus, page, pictures, rows
-from tuners.words import best
+from tuners.words import best, every
 from yawrate_env.files import write_text
 
 LONGEST_LAG = 0.05
@@ -115,7 +115,6 @@ def _assumed(
     result: PlantResult, log: PlantLog, made: PlantTuner, tuner: str
 ) -> list[tuple[str, str]]:
     plant, fit = made.plant, result.fit
-    experiment = f"{len(plant.u) * plant.Ts:.4g} s, every {1e3 * plant.Ts:.4g} ms"
     _, _, unit = plant.signals[1].partition(" [")
     offset = minus(f"{fit.offset:.3g}") + (f" {unit[:-1]}" if unit else "")
     start = "from rest, without offset" if fit.from_rest else f"anywhere; offset {offset}"
@@ -124,8 +123,8 @@ def _assumed(
         ("Tuner", tuner),
         ("Plant", plant.entry or "without an entry point"),
         ("Signals", " to ".join(plant.signals)),
-        ("Experiment trained on", experiment),
-        ("Recording", f"{log.duration:.4g} s, every {1e3 * log.Ts:.4g} ms"),
+        ("Experiment trained on", f"{len(plant.u) * plant.Ts:.4g} s, {every(plant.Ts)}"),
+        ("Recording", f"{log.duration:.4g} s, {every(log.Ts)}"),
         *([("Measured beside it", known)] if known else []),
         ("Start", start),
         ("Signal to noise", minus(f"{fit.snr_db:.1f} dB")),
