@@ -350,6 +350,12 @@ def test_modules_of_one_name_are_each_folders_own(tmp_path):
     assert str(tmp_path) not in "".join(sys.path)
 
 
+def test_a_plant_that_names_no_entry_is_called_by_the_one_it_was_found_at(tmp_path):
+    (tmp_path / "unnamed.py").write_text("import first_order\nit = first_order.described(entry='')")
+    found = plants.find("unnamed:it", tmp_path)
+    assert found.entry == "unnamed:it" and found.figures == plant.figures
+
+
 def test_a_module_that_is_imported_already_is_used_where_the_folder_has_none(tmp_path):
     assert plants.find("first_order:plant", tmp_path) is plant
 

@@ -11,7 +11,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from copy import copy
 from functools import cache
 from importlib import import_module, invalidate_caches
 from pathlib import Path
@@ -45,7 +45,7 @@ def find(entry: str | Plant, folder: Path | None = None) -> Plant:
     if not isinstance(found, Plant):
         what = "has no such attribute" if found is None else f"holds a {type(found).__name__}"
         raise ValueError(f"entry = {entry!r}: {name} {what}, wanted a tuners.plants.Plant.")
-    return found if found.entry == entry else replace(found, entry=entry)
+    return found if found.entry == entry else _called(found, entry)
 
 
 def from_toml(path: Path) -> Plant | None:
@@ -60,6 +60,13 @@ def from_toml(path: Path) -> Plant | None:
     if not isinstance(table, dict) or set(table) != {"entry"}:
         raise ValueError(f'{path}: [plant] must hold entry = "module:attribute" and nothing else.')
     return find(table["entry"], path.parent)
+
+
+def _called(plant: Plant, entry: str) -> Plant:
+    """The same under another name; `replace` would take the figures filled in for the user's."""
+    other = copy(plant)
+    object.__setattr__(other, "entry", entry)
+    return other
 
 
 def _module(name: str, folder: Path | None) -> ModuleType:
