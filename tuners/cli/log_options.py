@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from itertools import chain
 from typing import Any
 
 import click
@@ -14,6 +15,9 @@ from tuners.plants.log import PlantOptions
 
 WORDS = {"steer": "steering", "yaw_rate": "yaw rate", "speed": "speed"}
 SIGNALS = ("input", "output")
+
+Decorator = Callable[..., Any]
+Make = Callable[..., Decorator]
 
 
 def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -59,75 +63,59 @@ def _in_si(speed: float | None, unit: str | None) -> float | None:
     return None if speed is None else speed * UNITS["speed"][unit or "m/s"]
 
 
-def _column(role: str, words: str) -> dict[str, Any]:
-    flag = role.replace("_", "-")
+def _column(flag: Make, role: str, words: str) -> Decorator:
     help = f"Column of {words}: its name, or its place from 1."
-    return {"param_decls": (f"--{flag}-column",), "metavar": "COLUMN", "help": help}
+    return flag(f"--{role.replace('_', '-')}-column", metavar="COLUMN", help=help)
 
 
-def _unit(role: str, words: str) -> dict[str, Any]:
-    flag, units = role.replace("_", "-"), list(UNITS[role])
+def _unit(flag: Make, role: str, words: str) -> Decorator:
+    units = list(UNITS[role])
     help = f"Unit of {words}. [default: what the log says, or {units[0]}]"
-    return {"param_decls": (f"--{flag}-unit",), "type": click.Choice(units), "help": help}
+    return flag(f"--{role.replace('_', '-')}-unit", type=click.Choice(units), help=help)
 
 
-def _shared() -> list[Callable[..., Any]]:
+def _shared() -> list[Decorator]:
     return [
-        _option(**_column("time", "time")),
-        _option(**_unit("time", "time")),
+        _column(click.option, "time", "time"),
+        _unit(click.option, "time", "time"),
         click.option("--Ts", "Ts", type=POSITIVE, help="Sampling time [s], instead of a column."),
         click.option("--from", "start", type=NUMBER, help="Use the log from this time on [s]."),
         click.option("--to", "stop", type=NUMBER, help="Use the log up to this time [s]."),
     ]
 
 
-def _option(param_decls: tuple[str, ...], **settings: Any) -> Callable[..., Any]:
-    return click.option(*param_decls, **settings)
-
-
-def _vehicles() -> list[Callable[..., Any]]:
-    flag = functools.partial(_option, cls=Flag, kind=VEHICLE)
-    columns = [
-        flag(**described(role, words)) for role, words in WORDS.items()
-        for described in (_column, _unit)
-    ]  # fmt: skip
+def _vehicles() -> list[Decorator]:
+    flag = functools.partial(click.option, cls=Flag, kind=VEHICLE)
+    pairs = [[_column(flag, *of), _unit(flag, *of)] for of in WORDS.items()]
     return [
-        *columns,
+        *chain(*pairs),
+        flag("--speed", type=POSITIVE, help="Constant speed in --speed-unit, instead of a column."),
         flag(
-            ("--speed",), type=POSITIVE,
-            help="Constant speed in --speed-unit, instead of a column.",
-        ),
-        flag(
-            ("--steer-ratio",), type=POSITIVE, default=1.0, show_default=True,
+            "--steer-ratio", type=POSITIVE, default=1.0, show_default=True,
             help="Hand-wheel angle over road-wheel angle.",
         ),
         flag(
-            ("--flip-steer",), is_flag=True,
+            "--flip-steer", is_flag=True,
             help="Turn the steering round, where it counts right and the yaw rate left.",
         ),
-        flag(("--flip-yaw-rate",), is_flag=True, help="Turn the yaw rate round."),
+        flag("--flip-yaw-rate", is_flag=True, help="Turn the yaw rate round."),
         flag(
-            ("--steer-is",), type=click.Choice(["command", "measured"]), default="command",
+            "--steer-is", type=click.Choice(["command", "measured"]), default="command",
             show_default=True,
             help="What was recorded: what the actuator was told, or the angle that came of it.",
         ),
     ]  # fmt: skip
 
 
-def _plants() -> list[Callable[..., Any]]:
-    flag = functools.partial(_option, cls=Flag, kind=PLANT)
-    scales = [
-        flag(
-            (f"--{signal}-scale",), type=NONZERO, default=1.0, show_default=True,
-            help=f"What the {signal} is multiplied by to be in the plant's unit and sign.",
-        )
-        for signal in SIGNALS
-    ]  # fmt: skip
+def _plants() -> list[Decorator]:
+    flag = functools.partial(click.option, cls=Flag, kind=PLANT)
+    scale = functools.partial(flag, type=NONZERO, default=1.0, show_default=True)
+    words = "What the {} is multiplied by to be in the plant's unit and sign."
     return [
-        *(flag(**_column(signal, f"the {signal}")) for signal in SIGNALS),
-        *scales,
+        *(_column(flag, signal, f"the {signal}") for signal in SIGNALS),
+        *(scale(f"--{signal}-scale", help=words.format(signal)) for signal in SIGNALS),
         flag(
-            ("--measured",), type=ASSIGNMENT, multiple=True,
+            "--measured", type=ASSIGNMENT, multiple=True,
             help="What was measured beside the recording, instead of a column; can be repeated.",
         ),
     ]  # fmt: skip

@@ -105,7 +105,6 @@ def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
                 "measured": log.measured,
             },
             "fit": {
-                "parameters": fit.parameters,
                 "deviations": fit.deviations,
                 "offset": fit.offset,
                 "from_rest": fit.from_rest,

@@ -112,8 +112,7 @@ def read_log(path: Path, plant: Plant, options: PlantOptions | None = None) -> P
     given = _given(plant, options.measured)
     table = read_table(path)
     found = _found(table, plant, options)
-    beside = tuple(n for n in plant.measured if n in found and n not in given)
-    found = {role: q for role, q in found.items() if role in ("time", "input", "output", *beside)}
+    beside = tuple(name for name in plant.measured if name in found)
     length = len(plant.u) * plant.Ts
     limit = slowest(plant)
     pace = Pace(_FASTEST * plant.Ts, limit, _BRIDGED * limit)
@@ -164,7 +163,7 @@ def _found(table: Table, plant: Plant, options: PlantOptions) -> dict[str, Quant
     if found["input"].name == found["output"].name:
         raise SelectionError(f"Input and output are both column {found['input'].name}.")
     for parameter in plant.measured:
-        if _plain(parameter) in names:
+        if _plain(parameter) in names and parameter not in options.measured:
             found[parameter] = _quantity(table, names[_plain(parameter)])
     return found
 
