@@ -10,14 +10,17 @@ from hypothesis import HealthCheck, given, settings
 from test_cli import EDITS, EXAMPLE, UNTRUSTED, UNUSABLE, WRONG, call, edited, refused
 from test_report import Checked
 
-from tuners import plants
+import tuners
+from tuners import logs, plants
 from tuners.cli import main
 from tuners.cli.grouped import PLANT, VEHICLE, Flag
 from tuners.feedforward import FeedForwardSettings
 from tuners.laguerre import Laguerre
-from tuners.plants.log import read_log
+from tuners.plants.log import PlantOptions, read_log
 from tuners.report import render_plant
 from tuners.stages import Recipe
+from tuners.yaw_rate import yaw_rate
+from yawrate_env.task import Experiment, Prior, Task
 
 K, T = 1.25, 0.5
 FEW = Recipe(
@@ -267,6 +270,29 @@ def test_damaged_logs_never_give_a_traceback(edits, tmp_path, tuner):
         assert json.loads(out)["trusted"] is (code == 0) and err == ""
     else:
         assert code in (UNUSABLE, WRONG) and out == "" and re.fullmatch(r"error: [^\n]+\n", err)
+
+
+# A vehicle is a plant
+
+
+def test_a_vehicles_log_gives_the_same_through_a_plants_door():
+    """The example's twelve seconds in mid-drive, every 10 ms, for tuners of one recipe."""
+    task = Task(prior=Prior(v_x=(10.0, 33.0)), experiment=Experiment(Ts=0.004, N=2500))
+    recipe = Recipe(Laguerre(8, 12.0), FeedForwardSettings(neurons=6, epochs=40))
+    own, plant = tuners.train(recipe, task, episodes=150), yaw_rate(task)
+    generic = plants.train(plant, recipe, count=150, calibration=0)
+    vehicle = logs.read_log(EXAMPLE, task, logs.Options())
+    signals = logs.Choice({"input": "steer", "output": "yaw_rate"})
+    log = read_log(EXAMPLE, plant, PlantOptions(signals, measured={"v_x": vehicle.speed.mean()}))
+    np.testing.assert_array_equal(log.u, vehicle.steer)
+    np.testing.assert_array_equal(log.y, vehicle.yaw_rate)
+    expected = own.tune(vehicle.steer, vehicle.yaw_rate, vehicle.Ts, vehicle.speed)
+    found = generic.tune(log.u, log.y, log.Ts, log.measured)
+    assert list(found.gains.values()) == [expected.kp, expected.Ti]
+    assert list(found.figures.values()) == [expected.phase_margin, expected.crossover]
+    assert found.trusted == expected.trusted and not found.fit.from_rest
+    assert found.fit.offset == expected.fit.offset
+    np.testing.assert_array_equal(found.fit.simulated, expected.fit.simulated)
 
 
 # The report
