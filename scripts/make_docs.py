@@ -55,6 +55,28 @@ CLI_PAGE = """\
 | 3 | of `tune`: the gains are not trusted; the reasons are in the output |
 
 {commands}
+
+## Logs of a plant of your own
+
+`yawrate tune log.csv --tuner my.tuner` takes the tuner of [a plant](plants.md) as it takes a
+vehicle's, with the same formats, exit statuses, `--report` and `--json`. What differs:
+
+- **Columns** are called as the plant calls its signals and measured parameters, or `u` and
+  `y`; others are named by `--input-column` and `--output-column`.
+- **Units and signs** are the plant's own: `--input-scale 0.001` for mV where it has V,
+  `--output-scale -1` for a sensor that counts the other way.
+- **Measured parameters** are a column's mean over the stretch that is used, or
+  `--measured speed=20`.
+- **Sampling**: other times than the plant's are resampled, the input held, the output along a
+  cubic spline. Slower than a tenth of the crossover's period is refused, or than ten of the
+  plant's samples where it has no crossover. An output that bends sharply where the input
+  jumps, as that of a single lag does, needs samples nearer to the plant's own.
+- **Stretch**: of a log longer than two experiments the best-excited part, for plants with
+  `linear=True`. Others start from rest, and are used from the first sample on.
+- **`--start auto`** means `rest` where responses do not add up.
+
+Nothing is known of what the quantities may be: only what stands still is refused, and the
+checks of trust have to find wrong units. A vehicle's flags are refused by name.
 """
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from tuners import plants
+from tuners.laguerre import Laguerre
 from yawrate_env.excitation import prbs
 
 TS, TAU, SIGMA = 0.02, 0.3, 0.02
@@ -55,3 +56,10 @@ def slopes(theta):
 
 
 plant = described()
+gauged = described(
+    measured={"K": 0.05},
+    linear=True,
+    crossover=1 / (2 * np.pi * TAU),
+    black_box=Laguerre(6, 3.0),
+    entry="first_order:gauged",
+)

@@ -49,7 +49,7 @@ def answering(monkeypatch):
         def __init__(self, trusted, fitted):
             self.result, _, self.task = answer(trusted, fitted)
 
-        def tune(self, u, y, Ts, v_x=None):
+        def tune(self, u, y, Ts, v_x=None, start="auto"):
             return self.result
 
     def use(trusted=True, fitted=True):
@@ -266,6 +266,12 @@ def test_a_reversed_sign_and_a_late_channel_are_found(tmp_path):
     assert code == UNTRUSTED and "logged 60 ms late" in out and "flip" not in out
     code, out, _ = call("tune", early)
     assert code == UNTRUSTED and "late:" not in out and "flip" not in out
+
+
+def test_the_start_is_the_users():
+    fits = [json.loads(call("tune", EXAMPLE, "--json", "--start", start)[1])["fit"]
+            for start in ("auto", "unknown", "rest")]  # fmt: skip
+    assert fits[0] == fits[1] and not fits[0]["from_rest"] and fits[2]["from_rest"]
 
 
 def test_what_is_read_is_not_written_over(tmp_path):

@@ -1,5 +1,7 @@
 """Tuners for any plant, on one whose parameters, bound and gains are known in closed form."""
 
+import sys
+
 import numpy as np
 import pytest
 from first_order import SIGMA, TAU, U, by_one, described, design, plant, simulate, slopes
@@ -240,8 +242,32 @@ def test_a_result_says_what_was_found(tuner, tested):
     assert interval.low < interval.value < interval.high
     assert result.notes == () and result.trusted
     assert tuner.tune(U[:400], tested.y[0, :400]).notes != ()
-    with pytest.raises(ValueError, match="Ts = 0.01 s"):
-        tuner.tune(U, tested.y[0], 0.01)
+    with pytest.raises(ValueError, match=r"Ts = 0.3 must be .* at most 0.2. .*record faster"):
+        tuner.tune(U, tested.y[0], 0.3)
+    with pytest.raises(ValueError, match="number of samples .* at most 200000"):
+        tuner.tune(np.ones(30_000), np.ones(30_000), 0.2)
+
+
+@pytest.mark.parametrize("Ts", [0.005, 0.04])
+def test_another_sampling_time_gives_the_same(tuner, Ts):
+    """Of ten seconds: of slower samples fewer, so that the intervals are wider."""
+    theta, rng = np.array([[1.2, 0.5]]), np.random.default_rng(4)
+    parts = round(max(Ts, plant.Ts) / plant.Ts)
+    u = np.repeat(np.sin(np.cumsum(np.linspace(0.05, 0.4, 500 // parts))), parts)
+    y = plant.respond(theta, u)[0] + SIGMA * rng.normal(size=500)
+    if parts > 1:
+        logged = u[::parts], y[::parts]
+    else:
+        logged = np.repeat(u, 4), np.interp(np.arange(2000) / 4, np.arange(500), y)
+    whole, part = tuner.tune(u, y), tuner.tune(*logged, Ts)
+    assert whole.trusted and part.trusted, part.reasons
+    assert part.notes[0] == f"Ts is {Ts:g} s: resampled to the plant's 0.02 s."
+    for name, right in zip(plant.gains, plant.oracle(theta)[0], strict=True):
+        one, other = (r.figures[f"relative error of {name}"] for r in (whole, part))
+        assert other.low < one.value < other.high
+        wider = (other.high - other.low) / (one.high - one.low)
+        assert wider == pytest.approx(np.sqrt(parts), rel=0.25)
+        assert other.low < part.gains[name] / right - 1 < other.high
 
 
 def test_a_saved_tuner_answers_the_same(tuner, tested, tmp_path):
@@ -311,6 +337,30 @@ def test_a_plant_is_found_under_an_entry_that_it_does_not_name(monkeypatch):
     found = plants.find("first_order:nameless")
     assert found.entry == "first_order:nameless" and first_order.nameless.entry == ""
     assert found.prior == plant.prior and found.figures == plant.figures
+
+
+SAME_NAME = """
+import first_order
+import shared_by_both
+prior = {"K": shared_by_both.K, "T": (0.2, 1.0)}
+plant = first_order.described(prior=prior, entry="clashing:plant")
+"""
+
+
+def test_modules_of_one_name_are_each_folders_own(tmp_path):
+    folders = [tmp_path / name for name in "ab"]
+    for high, folder in enumerate(folders, start=2):
+        folder.mkdir()
+        (folder / "clashing.py").write_text(SAME_NAME)
+        (folder / "shared_by_both.py").write_text(f"K = (0.5, {high})")
+    found = [plants.find("clashing:plant", folder) for folder in (*folders, *folders)]
+    assert [p.prior["K"][1] for p in found] == [2, 3, 2, 3]
+    assert sys.modules["clashing"].plant.prior["K"][1] == 2  # the first stays
+    assert str(tmp_path) not in "".join(sys.path)
+
+
+def test_a_module_that_is_imported_already_is_used_where_the_folder_has_none(tmp_path):
+    assert plants.find("first_order:plant", tmp_path) is plant
 
 
 def test_the_tuner_is_a_policy_of_the_plants_environment(tuner, tested):

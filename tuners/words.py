@@ -24,3 +24,16 @@ def instead(fallback: tuple[float, float]) -> str:
             "or ask for a slower crossover."
         )
     return f"Stable for every vehicle that the tuner was made for: kp {kp:.4g} s, Ti {Ti:.4g} s."
+
+
+def best(fallback: dict[str, float]) -> str:
+    """What to use in place of a plant's gains that are not trusted, by name."""
+    if any(map(math.isnan, fallback.values())):
+        return "No gains are stable for every plant of the prior: narrow it, or ask for less."
+    listed = ", ".join(f"{name} {value:.4g}" for name, value in fallback.items())
+    return f"Best for every plant of the prior: {listed}."
+
+
+def every(Ts: float) -> str:
+    """A sampling time [s]."""
+    return f"every {Ts:.4g} s" if Ts >= 1 else f"every {1e3 * Ts:.4g} ms"

@@ -1,70 +1,90 @@
-"""What would make a vehicle fit a recording that none does: another sign, or another time."""
+"""What would make a simulator fit a recording that it does not: another sign, or another time."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
-from tuners.logs import Log
-from tuners.result import TuningResult
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from tuners import Tuner
+from tuners.result import Check
 
-STEP, LATEST = 0.01, 0.3  # [s]
+Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
+class Answer(Protocol):
+    """A vehicle's or a plant's result."""
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """What was looked at."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """The tuner's answer to a recording that was altered."""
+    """A tuner's answer to a recording that was altered.
 
-    tuner: "Tuner"
-    log: Log
+    Attributes
+    ----------
+    tune : callable
+        ``tune(u, y)`` for input and output (M,), of a recording (N,) the last of both.
+    u, y : NDArray
+        (N,) the recording.
+    """
 
-    def __call__(self, *, sign: int = 1, late: int = 0) -> TuningResult:
-        """With the steering times `sign`, and the yaw rate `late` samples earlier."""
-        log, last = self.log, len(self.log.steer) - late
-        steer, yaw_rate, speed = sign * log.steer[:last], log.yaw_rate[late:], log.speed[late:]
-        return self.tuner.tune(steer, yaw_rate, log.Ts, speed)
+    tune: Callable[[Array, Array], Answer]
+    u: Array
+    y: Array
+
+    def __call__(self, *, sign: int = 1, late: int = 0) -> Answer:
+        """With the input times `sign`, and the output `late` samples earlier."""
+        return self.tune(sign * self.u[: len(self.u) - late], self.y[late:])
 
 
-def hints(tuner: "Tuner", log: Log, result: TuningResult, flipped: bool) -> tuple[str, ...]:
-    """In words, what makes a vehicle fit, if none does and something is found.
+def hints(
+    trial: Trial, found: Answer, step: int, latest: int, sign: str, late: Callable[[int], str]
+) -> tuple[str, ...]:
+    """In words, what makes the simulator fit, if it does not and something is found.
 
     Parameters
     ----------
-    flipped : bool
-        Whether the steering's sign was reversed already.
+    found : TuningResult or PlantResult
+        For the recording as it is.
+    step, latest : int
+        By how much earlier outputs are tried, in samples.
+    sign : str
+        What to say where it fits with the input's sign reversed.
+    late : callable
+        What to say where it fits so many samples earlier.
     """
-    if fits(result):
+    if fits(found):
         return ()
-    trial = Trial(tuner, log)
-    if fits(trial(sign=-1)):
-        remedy = "leave out" if flipped else "try"
-        return (f"With the steering's sign reversed a vehicle fits: {remedy} --flip-steer.",)
-    late = lateness(trial, misfit(result))
-    if late is None:
+    try:
+        if fits(trial(sign=-1)):
+            return (sign,)
+        samples = lateness(trial, misfit(found), max(step, 1), latest)
+    except ValueError:  # an altered recording may be none that a plant's own code takes
         return ()
-    return (f"The yaw rate seems to be logged {1e3 * late:.0f} ms late: earlier, a vehicle fits.",)
+    return () if samples is None else (late(samples),)
 
 
-def lateness(trial: Trial, least: float) -> float | None:
-    """By how much earlier a vehicle fits the yaw rate [s], walking on while the misfit falls."""
-    Ts = trial.log.Ts
-    samples = max(1, round(STEP / Ts))
-    for late in range(samples, int(LATEST / Ts + 1e-9) + 1, samples):
+def lateness(trial: Trial, least: float, step: int, latest: int) -> int | None:
+    """By how many samples earlier the output fits, walking on while the misfit falls."""
+    for late in range(step, latest + 1, step):
         found = trial(late=late)
         if fits(found):
-            return late * Ts
+            return late
         if not misfit(found) < least:
             return None
         least = misfit(found)
     return None
 
 
-def fits(result: TuningResult) -> bool:
-    """Whether some vehicle answers the command as the recording does."""
-    return all(check.passed for check in result.checks if check.name == "misfit")
+def fits(found: Answer) -> bool:
+    """Whether the simulator answers the input as the recording does."""
+    return all(check.passed for check in found.checks if check.name == "misfit")
 
 
-def misfit(result: TuningResult) -> float:
-    """How much of the yaw rate none explains."""
-    return next(check.value for check in result.checks if check.name == "misfit")
+def misfit(found: Answer) -> float:
+    """How much of the output it does not explain."""
+    return next(check.value for check in found.checks if check.name == "misfit")

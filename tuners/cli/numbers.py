@@ -10,12 +10,12 @@ MOST = 1e9
 
 
 class Number(click.ParamType):  # type: ignore[type-arg]
-    """A finite number, or only a positive one."""
+    """A finite number, or only a positive one, or only one that is not 0."""
 
     name = "number"
 
-    def __init__(self, positive: bool = False) -> None:
-        self.positive = positive
+    def __init__(self, positive: bool = False, nonzero: bool = False) -> None:
+        self.positive, self.nonzero = positive, nonzero
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse and check."""
@@ -24,6 +24,8 @@ class Number(click.ParamType):  # type: ignore[type-arg]
             self.fail(f"{value} is not a finite number.", param, ctx)
         if self.positive and number <= 0:
             self.fail(f"{value} is not above 0.", param, ctx)
+        if self.nonzero and number == 0:
+            self.fail(f"{value} leaves nothing over.", param, ctx)
         return number
 
 
@@ -42,4 +44,18 @@ class Count(Number):
         return int(number)
 
 
-NUMBER, POSITIVE, COUNT = Number(), Number(positive=True), Count(positive=True)
+class Assignment(Number):
+    """A name and a finite number, as in ``speed=20``."""
+
+    name = "name=value"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Take apart, and check the number."""
+        name, equals, number = str(value).partition("=")
+        if not (name and equals):
+            self.fail(f"{value!r} is not of the form NAME=VALUE.", param, ctx)
+        return name.strip(), super().convert(number, param, ctx)
+
+
+NUMBER, POSITIVE, NONZERO = Number(), Number(positive=True), Number(nonzero=True)
+COUNT, ASSIGNMENT = Count(positive=True), Assignment()

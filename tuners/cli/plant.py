@@ -1,22 +1,27 @@
 """What ``train`` and ``tune`` do for one's own plant instead of a vehicle."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 import numpy as np
 
 from tuners.cli.answer import plain
-
-if TYPE_CHECKING:
-    from tuners.plants import Plant, PlantResult
+from tuners.cli.hints import Array, Trial, hints
+from tuners.plants.log import PlantLog, PlantOptions, read_log
+from tuners.plants.plant import Plant
+from tuners.plants.result import PlantResult
+from tuners.words import best, between, every
 
 VALIDATION = 300
 
+STEP, LATEST = 0.001, 0.03
+"""How much earlier an output is tried, in lengths of the experiment."""
 
-def train(plant: "Plant", out: Path, episodes: int | None, seed: int) -> str:
+
+def train(plant: Plant, out: Path, episodes: int | None, seed: int) -> str:
     """Train, save, and say how accurate the tuner is."""
     from tuners.plants import train
     from tuners.plants.evaluation import TUNER, compare
@@ -34,14 +39,40 @@ def train(plant: "Plant", out: Path, episodes: int | None, seed: int) -> str:
     return f"{', '.join(words)}; {found.unstable(TUNER)} of {VALIDATION} without stable loop"
 
 
-def tune(tuner: str, log: Path, machine: bool) -> bool:
-    """Print the gains for a log; returns whether they are trusted."""
+def tune(
+    tuner: str, log: Path, options: PlantOptions, start: str, machine: bool, report: Path | None
+) -> bool:
+    """Print the gains for a plant's log; returns whether they are trusted."""
     from tuners.plants import load
-    from tuners.plants.log import read
 
     trained = load(tuner)
-    result = trained.tune(*read(log, trained.plant))
-    click.echo(json.dumps(_json(result, tuner), indent=1) if machine else _text(result))
+    recording = read_log(log, trained.plant, options)
+    Ts, length = recording.Ts, len(trained.plant.u) * trained.plant.Ts
+
+    def answer_to(u: Array, y: Array) -> PlantResult:
+        return trained.tune(u, y, Ts, recording.measured, start)
+
+    result = answer_to(recording.u, recording.y)
+    found = hints(
+        Trial(answer_to, recording.u, recording.y),
+        result,
+        step=round(STEP * length / Ts),
+        latest=int(LATEST * length / Ts),
+        sign="With the input's sign reversed a plant fits: try --input-scale "
+        f"{-options.input_scale:g}.",
+        late=lambda samples: (
+            f"The output seems to be logged {samples * Ts:.3g} s late: earlier, a plant fits."
+        ),
+    )
+    result = replace(result, notes=(*result.notes, *found))
+    if machine:
+        click.echo(json.dumps(as_json(result, recording, tuner), indent=1))
+    else:
+        click.echo(as_text(result, recording))
+    if report is not None:
+        from tuners.report import write_plant_report
+
+        write_plant_report(report, result, recording, trained, tuner)
     return result.trusted
 
 
@@ -52,34 +83,58 @@ def is_plants(tuner: str) -> bool:
     return tuner.endswith(SUFFIX) and Path(tuner).is_file() and read(tuner)[0]["kind"] == "plant"
 
 
-def _json(result: "PlantResult", tuner: str) -> object:
-    return plain(
+def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
+    """Everything about an answer, in plain JSON values; ``null`` where there is no number."""
+    fit = result.fit
+    values: dict[str, Any] = plain(
         {
             "gains": result.gains,
             "trusted": result.trusted,
             "reasons": result.reasons,
-            "notes": result.notes,
+            "notes": (*log.notes, *result.notes),
             "figures": {name: asdict(interval) for name, interval in result.figures.items()},
             "fallback": result.fallback,
             "parameters": result.parameters,
             "checks": [asdict(check) | {"passed": check.passed} for check in result.checks],
             "tuner": tuner,
+            "log": {
+                "file": log.source,
+                "start": log.t0,
+                "samples": len(log.u),
+                "Ts": log.Ts,
+                "measured": log.measured,
+            },
+            "fit": {
+                "deviations": fit.deviations,
+                "offset": fit.offset,
+                "from_rest": fit.from_rest,
+                "snr_db": fit.snr_db,
+            },
         }
     )
+    return values
 
 
-def _text(result: "PlantResult") -> str:
+def as_text(result: PlantResult, log: PlantLog) -> str:
+    """A few aligned lines."""
     rows = [(name, f"{value:.4g}") for name, value in result.gains.items()]
-    rows += [
-        (name, f"{i.value:.4g}  ({i.low:.4g} to {i.high:.4g})")
-        for name, i in result.figures.items()
-    ]
+    if result.trusted:
+        rows += [(name, between(interval, "")) for name, interval in result.figures.items()]
     width = max(len(name) for name, _ in rows) + 2
-    lines = [*(f"  {name:<{width}}{value}" for name, value in rows), ""]
+    lines = [described(log), "", *(f"  {name:<{width}}{value}" for name, value in rows), ""]
     if result.trusted:
         lines.append("Trusted: every check passed.")
     else:
-        safe = ", ".join(f"{name} {value:.4g}" for name, value in result.fallback.items())
         lines += ["NOT TRUSTED", *(f"  - {reason}" for reason in result.reasons)]
-        lines.append(f"Best for every plant of the prior: {safe}.")
-    return "\n".join([*lines, *(f"Note: {note}" for note in result.notes)])
+        lines += ["", best(result.fallback)]
+    notes = (*log.notes, *result.notes)
+    if notes:
+        lines += ["", "Notes", *(f"  - {note}" for note in notes)]
+    return "\n".join(lines)
+
+
+def described(log: PlantLog) -> str:
+    """One line about a log."""
+    beside = "".join(f", {name} {value:.4g}" for name, value in log.measured.items())
+    end = log.t0 + log.duration
+    return f"{log.source}: {log.t0:.2f} to {end:.2f} s, {every(log.Ts)}{beside}"

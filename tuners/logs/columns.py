@@ -68,20 +68,28 @@ def find(table: Table, choice: Choice) -> dict[str, Quantity]:
     """Quantities by role, in SI units; time and speed may be missing."""
     found = {}
     for role in ROLES:
-        given = choice.columns.get(role)
-        name = recognised(role, table.names) if given is None else _named(given, role, table.names)
-        if name is not None:
-            found[role] = _quantity(role, name, table.column(name), choice.units.get(role))
+        quantity = of_role(role, table, choice)
+        if quantity is not None:
+            found[role] = quantity
     for role in ("steer", "yaw_rate"):
         if role not in found:
             flag = "--" + role.replace("_", "-") + "-column"
             raise LogError(
-                f"No column looks like {role}; there are {_listed(table.names)}. "
+                f"No column looks like {role}; there are {listed(table.names)}. "
                 f"Name one with {flag}."
             )
     if found["steer"].name == found["yaw_rate"].name:
         raise SelectionError(f"Steering and yaw rate are both column {found['steer'].name}.")
     return found
+
+
+def of_role(role: str, table: Table, choice: Choice) -> Quantity | None:
+    """The column that was chosen for this, or that looks like it."""
+    given = choice.columns.get(role)
+    name = recognised(role, table.names) if given is None else named(given, role, table.names)
+    if name is None:
+        return None
+    return _quantity(role, name, table.column(name), choice.units.get(role))
 
 
 def recognised(role: str, names: Sequence[str]) -> str | None:
@@ -102,12 +110,13 @@ def _quantity(role: str, name: str, column: Column, unit: str | None) -> Quantit
     return Quantity(name, unit, column.values * UNITS[role][unit], column.time)
 
 
-def _named(given: str, role: str, names: Sequence[str]) -> str:
+def named(given: str, role: str, names: Sequence[str]) -> str:
+    """The column that the user means by a name or a number from 1."""
     if given in names:
         return given
     if given.isdecimal() and 1 <= int(given) <= len(names):
         return names[int(given) - 1]
-    raise SelectionError(f"No column {given!r} for {role}; there are {_listed(names)}.")
+    raise SelectionError(f"No column {given!r} for {role}; there are {listed(names)}.")
 
 
 def _split(name: str, role: str) -> tuple[str, str]:
@@ -143,6 +152,7 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-def _listed(names: Sequence[str], most: int = 12) -> str:
+def listed(names: Sequence[str], most: int = 12) -> str:
+    """Names in one line, not too many."""
     shown = ", ".join(names[:most])
     return f"{shown} and {len(names) - most} more" if len(names) > most else shown

@@ -5,12 +5,15 @@ be decided.  Refused is what is hopeless; what is merely weak is said, and the t
 intervals show what it costs.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tuners.logs.table import Array, LogError
 from tuners.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE, STEADY, STILL, UNSTEADY
+
+Band = tuple[float, float]
 
 SHORTEST = 3.0
 _WEAK_RMS, _NO_RMS = np.radians(0.1), np.radians(0.002)
@@ -45,12 +48,12 @@ class Excitation:
     notes: tuple[str, ...]
 
 
-def band_around(crossover: float) -> tuple[float, float]:
+def band_around(crossover: float) -> Band:
     """A third to three and a third times the crossover: 0.5 to 5 Hz for 1.5 Hz."""
     return crossover / 3, crossover * 10 / 3
 
 
-def in_band(x: Array, Ts: float, band: tuple[float, float]) -> Array:
+def in_band(x: Array, Ts: float, band: Band) -> Array:
     """Part of a signal (N,) within a band [Hz]."""
     spectrum = np.fft.rfft(x)
     frequency = np.fft.rfftfreq(len(x), Ts)
@@ -58,7 +61,7 @@ def in_band(x: Array, Ts: float, band: tuple[float, float]) -> Array:
     return np.fft.irfft(spectrum, len(x))
 
 
-def rms_in_band(x: Array, Ts: float, band: tuple[float, float]) -> float:
+def rms_in_band(x: Array, Ts: float, band: Band) -> float:
     """Root mean square within a band; a squared Hann window keeps slow drift out of it."""
     window = np.hanning(len(x)) ** 2
     part = in_band(window * (x - x.mean()), Ts, band)
@@ -121,21 +124,39 @@ def _plausible(steer: Array, yaw_rate: Array, speed: Array) -> None:
 
 
 def best_stretch(
-    steer: Array, speed: Array, Ts: float, crossover: float, length: float
+    u: Array, beside: Sequence[Array], Ts: float, band: Band | None, length: float
 ) -> tuple[slice, bool]:
-    """The `length` [s] with the most power in the band, and whether it is less than everything.
+    """The `length` [s] of most power, and whether it is less than everything.
 
-    Where there is a stretch whose speed stays within 5 %, only such are considered.
+    Where there is a stretch over which all that is measured beside the input stays within
+    5 %, only such are considered.
+
+    Parameters
+    ----------
+    u : (N,) float64
+        Input.
+    beside : sequence of (N,) float64
+        A speed, say.
+    band : tuple of float or None
+        Where its power counts [Hz]; None counts all that varies.
     """
     samples = round(length / Ts)
-    if len(steer) <= samples:
-        return slice(0, len(steer)), False
-    moving = in_band(steer - steer.mean(), Ts, band_around(crossover))
-    power = _windowed(moving**2, samples)
-    steady = _windowed(speed**2, samples) - _windowed(speed, samples) ** 2
-    allowed = steady < (STEADY / 2 * _windowed(speed, samples)) ** 2
+    if len(u) <= samples:
+        return slice(0, len(u)), False
+    moving = u - u.mean()
+    if band is not None:
+        moving = in_band(moving, Ts, band)
+    power = _variance(moving, samples)
+    allowed = np.ones(len(power), dtype=np.bool_)
+    for values in beside:
+        allowed &= _variance(values, samples) < (STEADY / 2 * _windowed(values, samples)) ** 2
     start = int(np.argmax(np.where(allowed, power, -1.0) if allowed.any() else power))
     return slice(start, start + samples), True
+
+
+def _variance(x: Array, samples: int) -> Array:
+    """Running variances over `samples`."""
+    return np.asarray(_windowed(x**2, samples) - _windowed(x, samples) ** 2)
 
 
 def _windowed(x: Array, samples: int) -> Array:

@@ -8,10 +8,10 @@ import numpy as np
 from tuners.logs import columns, excitation
 from tuners.logs.actuator import through_actuator
 from tuners.logs.columns import Quantity
-from tuners.logs.excitation import Excitation
+from tuners.logs.excitation import Band, Excitation, band_around
 from tuners.logs.formats import read_table
 from tuners.logs.options import Options
-from tuners.logs.sampling import sampled
+from tuners.logs.sampling import Plan, sampled
 from tuners.logs.table import Array, LogError, SelectionError
 from tuners.logs.time_base import TimeBase
 from yawrate_env.task import Task
@@ -73,7 +73,11 @@ def read_log(path: Path, task: Task, options: Options) -> Log:
     """
     table = read_table(path)
     found = columns.find(table, options.choice)
-    base, signals, lost = sampled(found, options)
+    if options.speed is not None:
+        found.pop("speed", None)
+    held = ("steer",) if options.steer_is == "command" else ()
+    plan = Plan("yaw_rate", excitation.SHORTEST, held, ("speed",), options.Ts)
+    base, signals, lost = sampled(found, plan)
     notes = [*table.notes, *lost, *_column_notes(found, options), *base.notes]
     signals["steer"] *= options.steer_sign / options.steer_ratio
     signals["yaw_rate"] *= options.yaw_rate_sign
@@ -136,19 +140,30 @@ def _only_speed(task: Task) -> float:
 def _stretch(
     base: TimeBase, signals: dict[str, Array], task: Task, options: Options
 ) -> tuple[slice, list[str]]:
-    t = base.grid
-    if options.start is None and options.stop is None:
-        part, shorter = excitation.best_stretch(
-            signals["steer"], signals["speed"], base.Ts, task.target.crossover, LONGEST
-        )
-        words = f"Best-excited stretch used: {t[part.start]:.2f} to {t[part.stop - 1]:.2f} s."
-        return part, [words] if shorter else []
-    start = t[0] if options.start is None else options.start
-    stop = t[-1] if options.stop is None else options.stop
+    if options.start is not None or options.stop is not None:
+        return between(base.grid, options.start, options.stop), []
+    return best_excited(
+        base, signals["steer"], [signals["speed"]], band_around(task.target.crossover), LONGEST
+    )
+
+
+def best_excited(
+    base: TimeBase, u: Array, beside: list[Array], band: Band | None, length: float
+) -> tuple[slice, list[str]]:
+    """The stretch of `length` [s] that is excited best, and a note if it is not everything."""
+    part, shorter = excitation.best_stretch(u, beside, base.Ts, band, length)
+    first, last = base.grid[[part.start, part.stop - 1]]
+    return part, [f"Best-excited stretch used: {first:.2f} to {last:.2f} s."] if shorter else []
+
+
+def between(t: Array, start: float | None, stop: float | None) -> slice:
+    """The part of times (N,) that was asked for; from or to the end where nothing was."""
+    start = t[0] if start is None else start
+    stop = t[-1] if stop is None else stop
     part = slice(*(int(i) for i in np.searchsorted(t, [start - 1e-9, stop + 1e-9])))
     if part.stop - part.start < 2:
         raise SelectionError(
             f"Nothing between {start:g} and {stop:g} s: the usable recording runs from "
             f"{t[0]:.2f} to {t[-1]:.2f} s."
         )
-    return part, []
+    return part

@@ -12,9 +12,24 @@ import numpy as np
 from tuners.logs.table import Array, LogError
 
 EVEN = 0.02
-_BRIDGED = 0.03  # [s]: two samples lost at 100 Hz, a twentieth of a period at the crossover
-SLOWEST = 0.1
-FASTEST = 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """What sampling times make sense for what is recorded, by default for a vehicle.
+
+    Attributes
+    ----------
+    fastest, slowest : float
+        Sampling times that are accepted [s].
+    bridged : float
+        Longest step that is interpolated over [s], by default two samples lost at 100 Hz, a
+        twentieth of a period at the crossover.
+    """
+
+    fastest: float = 1e-5
+    slowest: float = 0.1
+    bridged: float = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +57,7 @@ class TimeBase:
     notes: tuple[str, ...]
 
 
-def time_base(time: Array, least: float) -> TimeBase:
+def time_base(time: Array, least: float, pace: Pace = Pace()) -> TimeBase:
     """Find an even grid in time stamps (N,) [s] of at least `least` [s], or say why not."""
     if len(time) < 10:
         raise LogError(f"Only {len(time)} complete samples: record more.")
@@ -57,12 +72,12 @@ def time_base(time: Array, least: float) -> TimeBase:
             "samples. Give the sampling time in seconds with --Ts."
         )
     Ts = float(np.median(forward))
-    if not FASTEST <= Ts <= SLOWEST:
+    if not pace.fastest <= Ts <= pace.slowest:
         raise LogError(
-            f"The sampling time is {Ts:g} s; it must lie between {FASTEST:g} and {SLOWEST:g} s. "
-            "If the time is not in seconds, give --time-unit."
+            f"The sampling time is {Ts:g} s; it must lie between {pace.fastest:g} and "
+            f"{pace.slowest:g} s. If the time is not in seconds, give --time-unit."
         )
-    longest = max(1.5 * Ts, min(3.5 * Ts, _BRIDGED))
+    longest = max(1.5 * Ts, min(3.5 * Ts, pace.bridged))
     breaks = np.flatnonzero((steps <= 0) | (steps > longest))
     ends = np.concatenate([[0], breaks + 1, [len(time)]])
     spans = np.array([time[j - 1] - time[i] for i, j in zip(ends, ends[1:], strict=False)])

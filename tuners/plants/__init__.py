@@ -8,14 +8,16 @@ from tuners.plants.coordinates import LOG, Coordinates, loop
 from tuners.plants.entry import find
 from tuners.plants.figure import Figure
 from tuners.plants.plant import Plant, snr
+from tuners.plants.result import PlantFit, PlantResult
 from tuners.plants.training import train
-from tuners.plants.tuner import PlantResult, PlantTuner, load
+from tuners.plants.tuner import PlantTuner, load
 
 __all__ = [
     "LOG",
     "Coordinates",
     "Figure",
     "Plant",
+    "PlantFit",
     "PlantResult",
     "PlantTuner",
     "find",

@@ -12,8 +12,10 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
-from importlib import import_module
+from functools import cache
+from importlib import import_module, invalidate_caches
 from pathlib import Path
+from types import ModuleType
 
 from tuners.plants.plant import Plant
 
@@ -30,16 +32,15 @@ def find(entry: str | Plant, folder: Path | None = None) -> Plant:
     name, colon, attribute = str(entry).partition(":")
     if not colon or not all(part.isidentifier() for part in (*name.split("."), attribute)):
         raise ValueError(f"entry = {entry!r} is no entry point. {_FORM}")
-    with _importable(folder):
-        try:
-            module = import_module(name)
-        except ModuleNotFoundError as error:
-            if error.name != name.split(".")[0] and error.name != name:
-                raise
-            raise ValueError(
-                f"entry = {entry!r}: there is no module {name!r}. "
-                "Run from the folder where it is, or add that to PYTHONPATH."
-            ) from None
+    try:
+        module = _module(name, None if folder is None else folder.resolve())
+    except ModuleNotFoundError as error:
+        if error.name != name.split(".")[0] and error.name != name:
+            raise
+        raise ValueError(
+            f"entry = {entry!r}: there is no module {name!r}. "
+            "Run from the folder where it is, or add that to PYTHONPATH."
+        ) from None
     found = getattr(module, attribute, None)
     if not isinstance(found, Plant):
         what = "has no such attribute" if found is None else f"holds a {type(found).__name__}"
@@ -48,7 +49,7 @@ def find(entry: str | Plant, folder: Path | None = None) -> Plant:
 
 
 def entered(plant: Plant, entry: str) -> Plant:
-    """The plant as one of that entry; nothing else of it needs another check."""
+    """The plant as one of that entry; `replace` would take figures filled in for given ones."""
     if plant.entry == entry:
         return plant
     renamed = copy(plant)
@@ -90,11 +91,59 @@ def from_toml(path: Path) -> Plant | None:
     return find(table["entry"], path.parent)
 
 
+def _module(name: str, folder: Path | None) -> ModuleType:
+    """Import a module: the one that is in `folder` or here, whatever else has its name."""
+    top = name.partition(".")[0]
+    places = [place.resolve() for place in (folder, Path()) if place is not None]
+    home = next((place for place in places if _is_in(top, place)), None)
+    if home is not None and not _comes_from(home, top) and _taken(top, home):
+        return _aside(name, home)
+    with _importable(folder):
+        return import_module(name)
+
+
+@cache
+def _aside(name: str, home: Path) -> ModuleType:
+    """Import a module while others, whose names it and its neighbours have, are out of the way.
+
+    These stay what everybody else imports by the name.
+    """
+    taken = _taken(name.partition(".")[0], home)
+    others = {n: m for n, m in sys.modules.items() if n.partition(".")[0] in taken}
+    for other in others:
+        del sys.modules[other]
+    try:
+        with _importable(home):
+            return import_module(name)
+    finally:
+        sys.modules.update(others)
+
+
+def _taken(top: str, home: Path) -> set[str]:
+    """Names of a module and its neighbours that modules from elsewhere have."""
+    neighbours = {path.stem for path in home.glob("*.py")} - sys.stdlib_module_names
+    return {n for n in neighbours | {top} if n in sys.modules and not _comes_from(home, n)}
+
+
+def _is_in(top: str, place: Path) -> bool:
+    return any(file.is_file() for file in _files(top, place))
+
+
+def _comes_from(place: Path, top: str) -> bool:
+    file = getattr(sys.modules.get(top), "__file__", None)
+    return file is not None and Path(file).resolve() in _files(top, place)
+
+
+def _files(top: str, place: Path) -> tuple[Path, Path]:
+    return place / f"{top}.py", place / top / "__init__.py"
+
+
 @contextmanager
 def _importable(folder: Path | None) -> Iterator[None]:
     """Find modules in `folder` and in the working folder, as ``python -m`` does."""
     before = list(sys.path)
     sys.path[:0] = [str(f.resolve()) for f in (folder, Path()) if f is not None]
+    invalidate_caches()
     try:
         yield
     finally:

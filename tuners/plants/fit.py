@@ -81,6 +81,8 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
         theta = moved(plant, theta, np.clip(step, -LARGEST_STEP, LARGEST_STEP), *limits)
     error, slopes = _signals(plant, theta, model)
     noise = noise_level(error, model.Ts, plant.crossover)
+    if plant.crossover is None:  # nobody looked where interpolated noise is stronger
+        noise = noise * model.oversampled
     with np.errstate(invalid="ignore"):  # no noise and no information: no answer
         covariance = noise[:, None, None] * inverse_of(slopes)
     return Fit(theta, found.converged, measured - error, error, noise, covariance)

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,8 +16,10 @@ from tuners.plants import entry, fingerprint
 from tuners.plants.black_box import black_box
 from tuners.plants.data import sample
 from tuners.plants.plant import Plant
+from tuners.plants.result import PlantFit, PlantResult
 from tuners.plants.trust import GAUSSIAN, Assessment, Finding, assess
-from tuners.result import Check, Interval
+from tuners.recording import Recording
+from tuners.result import Interval
 from tuners.stages import Stages
 from yawrate_env import validation
 from yawrate_env.reward import UNSTABLE
@@ -26,41 +27,15 @@ from yawrate_env.reward import UNSTABLE
 Array = NDArray[np.float64]
 
 _CANDIDATES = 48
+_SLOWEST = 0.1  # sampling time, in periods of the crossover
+_COARSEST = 10.0  # sampling time, in those of the experiment, where there is no crossover
+_LONGEST = 200_000  # samples of one recording
+_ROUNDED = 1e-3  # of the largest input: as logs write it
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlantResult:
-    """Gains for one recording.
-
-    Attributes
-    ----------
-    gains : dict
-        By name; ``nan`` where the tuner finds none.
-    figures : dict
-        What the recording says that these gains give, with 90 % intervals.
-    trusted : bool
-        Whether every check passed.
-    reasons, notes : tuple of str
-        Why not; and what differs from the experiment that the tuner was trained on.
-    fallback : dict
-        Gains for every plant of the prior: what to use instead of those not trusted.
-    parameters : dict
-        Of the plant that explains the recording best.
-    checks : tuple of Check
-        What was looked at.
-    simulated : NDArray
-        (N,) that plant's output.
-    """
-
-    gains: dict[str, float]
-    figures: dict[str, Interval]
-    trusted: bool
-    reasons: tuple[str, ...]
-    notes: tuple[str, ...]
-    fallback: dict[str, float]
-    parameters: dict[str, float]
-    checks: tuple[Check, ...] = field(repr=False)
-    simulated: Array = field(repr=False)
+def slowest(plant: Plant) -> float:
+    """Longest sampling time that still shows what a plant does [s]."""
+    return _COARSEST * plant.Ts if plant.crossover is None else _SLOWEST / plant.crossover
 
 
 class PlantTuner:
@@ -120,7 +95,8 @@ class PlantTuner:
         Parameters
         ----------
         Ts : float, optional
-            Sampling time [s]; other than the plant's it is an error.
+            Sampling time [s]; where it is not the plant's, the input is held and the output
+            follows a cubic spline.
         measured : dict, optional
             Parameters that the plant calls measured to their values.
         start : {"auto", "rest", "unknown"}
@@ -128,37 +104,41 @@ class PlantTuner:
             estimated along; found from the data if not given.  Those of a plant whose
             responses do not add up start from rest.
         """
-        command = validation.finite_array("u", u, shape=(None,))[None]
-        output = validation.finite_array("y", y, shape=(command.shape[1],))[None]
-        self._check_sampling(Ts)
         theta = self._beside(measured or {})
-        gains, found = self.assess(command, output, theta, start)
+        given = self._recording(u, y, Ts)
+        used = given.resampled(self.plant.Ts)
+        gains, found = self.assess(used.u, used.y, theta, start, used.oversampled)
         checks = found.checks(0)
-        same = self.plant.excite is not None or np.array_equal(command[0], self.plant.u)
         return PlantResult(
             self._named(gains[0]),
             self._intervals(found),
             all(check.passed for check in checks),
             tuple(dict.fromkeys(check.message for check in checks if not check.passed)),
-            () if same else ("The input is not that of the experiment trained on.",),
+            self._differences(given, used),
             self._named(self.fallback),
-            dict(zip(self.plant.prior, map(float, found.fit.theta[0]), strict=True)),
             checks,
-            found.fit.simulated[0],
+            PlantFit.of(self.plant, found),
         )
 
     def assess(
-        self, u: Array, y: Array, theta: Array | None = None, start: str = "auto"
+        self,
+        u: Array,
+        y: Array,
+        theta: Array | None = None,
+        start: str = "auto",
+        oversampled: float = 1.0,
     ) -> tuple[Array, Assessment]:
-        """Gains (B, k) as `tune` gives them, and what recordings as above say of them.
+        """Gains (B, k) as `tune` gives them, and what recordings at the plant's `Ts` say of them.
 
         Parameters
         ----------
         theta : (B, p) float64, optional
             Parameters of which those that are measured are looked at.
+        oversampled : float
+            Samples for each independent one: above 1 where samples were interpolated.
         """
         u, beside = np.atleast_2d(u), self._middle(len(y)) if theta is None else theta
-        model = black_box(self.plant, self.black_box, u, y, start)
+        model = black_box(self.plant, self.black_box, u, y, start, oversampled)
         gains = self.gains(u, model.y, beside)
         solved = np.asarray(np.isfinite(gains).all(axis=1))
         begin = self._middle(len(y))
@@ -252,11 +232,29 @@ class PlantTuner:
                 found[name] = Finding(beyond, self.plant.measured[name], message)
         return found
 
-    def _check_sampling(self, Ts: float | None) -> None:
-        if Ts is not None and not np.isclose(Ts, self.plant.Ts, rtol=1e-6):
-            raise ValueError(
-                f"Ts = {Ts:g} s, but the plant's simulator has {self.plant.Ts:g} s. Resample."
-            )
+    def _recording(self, u: ArrayLike, y: ArrayLike, Ts: float | None) -> Recording:
+        """One recording as it was made, checked."""
+        command = validation.finite_array("u", u, shape=(None,))[None]
+        output = validation.finite_array("y", y, shape=(command.shape[1],))[None]
+        if Ts is None:
+            return Recording(command, output, self.plant.Ts)
+        validation.number("Ts", Ts, above=0.0, at_most=slowest(self.plant), remedy="Slower "
+                          "samples do not show what the plant does: record faster.")  # fmt: skip
+        samples = output.shape[1] * Ts / self.plant.Ts
+        validation.number("number of samples at the plant's Ts", samples, at_most=_LONGEST,
+                          remedy="Cut to the best part.")  # fmt: skip
+        return Recording(command, output, float(Ts))
+
+    def _differences(self, given: Recording, used: Recording) -> tuple[str, ...]:
+        """Between a recording and the experiment trained on, in words."""
+        plant, u, notes = self.plant, used.u[0], []
+        if used is not given:
+            notes.append(f"Ts is {given.Ts:g} s: resampled to the plant's {plant.Ts:g} s.")
+        rounding = _ROUNDED * np.abs(plant.u).max()
+        same = u.shape == plant.u.shape and np.allclose(u, plant.u, rtol=0, atol=rounding)
+        if plant.excite is None and not same:
+            notes.append("The input is not that of the experiment trained on.")
+        return tuple(notes)
 
     def _named(self, gains: Array) -> dict[str, float]:
         return dict(zip(self.plant.gains, map(float, gains), strict=True))

@@ -6,6 +6,7 @@ recording is drawn twice, for wide and for narrow pages.
 
 import io
 import re
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 
 from tuners.report.loops import Loop
 from tuners.report.residuals import Correlation
-from tuners.result import TwinFit
 from yawrate_env import rendering
 from yawrate_env.task import Target
 
@@ -38,24 +38,47 @@ STYLE = {
 }
 
 
-def recording(t0: float, fit: TwinFit, width: float) -> Figure:
+@dataclass(frozen=True, slots=True, eq=False)
+class Traces:
+    """A recording beside the fitted model, (N,) arrays in the units of their labels.
+
+    Attributes
+    ----------
+    t0, Ts : float
+        Time of the first sample, and of each further one [s].
+    command, measured, simulated : NDArray
+        What went in, what came out, and what the model says.
+    labels : tuple of str
+        Of what went in and what came out, as in ``yaw rate [deg/s]``.
+    """
+
+    t0: float
+    Ts: float
+    command: Array
+    measured: Array
+    simulated: Array
+    labels: tuple[str, str]
+
+
+def recording(traces: Traces, width: float) -> Figure:
     """The recording with the fitted model over it, and what is left over."""
-    every = max(1, len(fit.measured) // MOST_POINTS)
-    time = t0 + fit.Ts * np.arange(len(fit.measured))
+    every = max(1, len(traces.measured) // MOST_POINTS)
+    signals = (traces.command, traces.measured, traces.simulated)
+    u, y, model = (signal[::every] for signal in signals)
+    time = traces.t0 + traces.Ts * every * np.arange(len(y))
+    command, output = traces.labels
     with style.context(["default", STYLE]):
         picture = Figure(figsize=(width, 4.6))
         above, middle, below = picture.subplots(3, 1, sharex=True, height_ratios=[1, 2.6, 1])
-        above.plot(time[::every], np.degrees(fit.command[::every]), color=rendering.COMMAND,
-                   lw=1.0, drawstyle="steps-post")  # fmt: skip
-        above.set_ylabel("steering\n[deg]")
-        middle.plot(time[::every], np.degrees(fit.measured[::every]), color=MEASURED, lw=1.4,
-                    label="measured")  # fmt: skip
-        middle.plot(time[::every], np.degrees(fit.simulated[::every]), color=MODEL, lw=0.9,
-                    label="fitted model")  # fmt: skip
-        middle.set_ylabel("yaw rate\n[deg/s]")
+        above.plot(time, u, color=rendering.COMMAND, lw=1.0, drawstyle="steps-post")
+        above.set_ylabel(_two_lines(command))
+        middle.plot(time, y, color=MEASURED, lw=1.4, label="measured")
+        middle.plot(time, model, color=MODEL, lw=0.9, label="fitted model")
+        middle.set_ylabel(_two_lines(output))
         middle.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=2, borderaxespad=0)
-        below.plot(time[::every], np.degrees(fit.residual[::every]), color=RESIDUAL, lw=0.7)
-        below.set(ylabel="residual\n[deg/s]", xlabel="time [s]", xlim=(time[0], time[-1]))
+        below.plot(time, y - model, color=RESIDUAL, lw=0.7)
+        below.set(ylabel=_two_lines("residual", output), xlabel="time [s]")
+        below.set_xlim(time[0], time[-1])
         for axes in (above, middle, below):
             axes.yaxis.set_major_locator(MaxNLocator(4 if axes is middle else 2))
         picture.align_ylabels()
@@ -120,6 +143,7 @@ def correlation(found: Correlation, title: str) -> Figure:
         axes.plot(found.lag[inner], found.value[inner], color=rendering.YAW_RATE, lw=1.0)
         axes.set(title=title, ylim=(-limit, limit), xlim=(found.lag[0], found.lag[-1]))
         axes.set(xlabel="lag [s]", ylabel="correlation")
+        axes.xaxis.set_major_locator(MaxNLocator(5))
     return picture
 
 
@@ -134,6 +158,12 @@ def svg(picture: Figure, name: str) -> str:
     head, rest = markup.split(">", 1)
     head = re.sub(r' (width|height)="[^"]*"', "", head)
     return f'{head} role="img" aria-label="{name}">{rest}'
+
+
+def _two_lines(label: str, unit_of: str = "") -> str:
+    """A name above its unit, or above another's."""
+    name, bracket, unit = (label if not unit_of else unit_of).partition(" [")
+    return f"{label if unit_of else name}\n[{unit}" if bracket else label
 
 
 def _mark(

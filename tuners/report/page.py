@@ -1,20 +1,18 @@
-"""From an answer to its page."""
+"""From an answer about a vehicle to its page."""
 
 import os
-from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
-import yawrate_env
 from tuners.forms import Forms
 from tuners.logs import Log
 from tuners.report import figures
+from tuners.report.figures import Traces
+from tuners.report.layout import Residuals, judged, minus, page, pictures, rows
 from tuners.report.loops import Loop
-from tuners.report.residuals import Correlation, autocorrelation, cross_correlation
-from tuners.result import TuningResult, TwinFit
-from tuners.words import between, instead
+from tuners.result import TuningResult
+from tuners.words import instead
 from yawrate_env.files import write_text
 from yawrate_env.task import Task
 
@@ -36,24 +34,6 @@ CHECKS = {
 """Names and units for people."""
 
 
-@dataclass(frozen=True, slots=True)
-class Residuals:
-    """How white a residual is, at the recording's own sampling time."""
-
-    auto: Correlation
-    cross: Correlation
-
-    @classmethod
-    def of(cls, fit: TwinFit, Ts: float) -> "Residuals":
-        """Correlations of the samples that were recorded, not of those between them."""
-        every = max(1, round(Ts / fit.Ts))
-        e, u = fit.residual[::every], fit.command[::every]
-        return cls(
-            autocorrelation(e, every * fit.Ts, LONGEST_LAG),
-            cross_correlation(e, u, every * fit.Ts, LONGEST_LAG),
-        )
-
-
 def write_report(
     path: str | os.PathLike[str], result: TuningResult, log: Log, task: Task, tuner: str
 ) -> None:
@@ -63,57 +43,45 @@ def write_report(
 
 def render(result: TuningResult, log: Log, task: Task, tuner: str) -> str:
     """The page as text."""
-    from jinja2 import Environment, StrictUndefined
-
-    template = (files("tuners") / "templates" / "report.html").read_text(encoding="utf-8")
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"between": between, "instead": instead, "minus": minus}
-    page = environment.from_string(template).render(
+    return page(
+        "vehicle.html",
+        title=f"Yaw-rate controller from {log.source}",
         result=result,
         log=log,
-        task=task,
         tuner=tuner,
-        version=yawrate_env.__version__,
+        input="steering",
+        output="yaw rate",
+        instead=instead(result.fallback),
+        numbers=[
+            ("Gain kp", f"{result.kp:.4g}", "s", ""),
+            ("Integral time Ti", f"{result.Ti:.4g}", "s", ""),
+            judged("Phase margin", result.phase_margin, "°"),
+            judged("Crossover", result.crossover, " Hz"),
+        ],
         forms=Forms.of(result.kp, result.Ti, task.target),
         assumed=_assumed(result, log, task, tuner),
         notes=(*log.notes, *result.notes),
-        checks=[(check, *_check_words(check.name)) for check in result.checks],
-        **_pictures(result, log, task),
+        checks=rows(result.checks, CHECKS),
+        **_fit(result, log, task),
     )
-    return page + "\n"
 
 
-def minus(number: str) -> str:
-    """A number with a true minus sign."""
-    return number.replace("-", "−")
-
-
-def _check_words(name: str) -> tuple[str, str]:
-    return CHECKS.get(name, (name.replace("_", " "), ""))
-
-
-def _pictures(result: TuningResult, log: Log, task: Task) -> dict[str, Any]:
+def _fit(result: TuningResult, log: Log, task: Task) -> dict[str, Any]:
     fit = result.fit
     if fit is None:
         return {"fit": None}
     loop = Loop.of(task, fit.context, result.kp, result.Ti)
-    residuals = Residuals.of(fit, log.recorded_Ts)
-    drawn = {
-        "wide": figures.recording(log.t0, fit, figures.FULL),
-        "narrow": figures.recording(log.t0, fit, figures.HALF),
-        "bode": figures.bode(loop, task.target),
-        "responses": figures.responses(loop),
-        "auto": figures.correlation(residuals.auto, "Residual with itself"),
-        "cross": figures.correlation(residuals.cross, "Residual with the steering"),
-    }
+    residuals = Residuals.of(fit.residual, fit.command, fit.Ts, log.recorded_Ts, LONGEST_LAG)
+    steer, measured, simulated = map(np.degrees, (fit.command, fit.measured, fit.simulated))
+    labels = "steering [deg]", "yaw rate [deg/s]"
+    traces = Traces(log.t0, fit.Ts, steer, measured, simulated, labels)
+    more = {"bode": figures.bode(loop, task.target), "responses": figures.responses(loop)}
     return {
         "fit": fit,
         "stable": bool(loop.verdict.stable[0]),
         "margins": _margins(loop),
         "residuals": residuals,
-        "svg": {name: figures.svg(picture, name) for name, picture in drawn.items()},
+        "svg": pictures(traces, residuals, "steering", **more),
     }
 
 

@@ -1,0 +1,135 @@
+"""From an answer about a plant to its page."""
+
+import os
+
+from tuners.plants.log import PlantLog
+from tuners.plants.plant import Plant
+from tuners.plants.result import PlantResult
+from tuners.plants.tuner import PlantTuner
+from tuners.report.figures import Traces
+from tuners.report.layout import Residuals, judged, minus, page, pictures, rows
+from tuners.words import best, every
+from yawrate_env.files import write_text
+
+LONGEST_LAG = 0.05
+"""In lengths of the experiment."""
+
+CHECKS = {
+    "noise": ("Residual over simulated output", ""),
+    "misfit": ("Output that no plant explains", ""),
+    "response": ("Response off the fitted plant's", ""),
+    "outside": ("Plant outside the prior, in widths of it", ""),
+    "colour": ("Residual's power at the crossover, over white", ""),
+    "unsolved": ("Design or numerics failed", ""),
+}
+"""Names and units for people, of what is asked of every plant."""
+
+_WORDS = ("input", "output")
+
+
+def write_plant_report(
+    path: str | os.PathLike[str], result: PlantResult, log: PlantLog, made: PlantTuner, tuner: str
+) -> None:
+    """Write the page, completely or not at all."""
+    write_text(path, render_plant(result, log, made, tuner))
+
+
+def render_plant(result: PlantResult, log: PlantLog, made: PlantTuner, tuner: str) -> str:
+    """The page as text.
+
+    Parameters
+    ----------
+    made : PlantTuner
+        What answered.
+    tuner : str
+        What the user calls it.
+    """
+    plant, fit = made.plant, result.fit
+    words = [_words(signal, word) for signal, word in zip(plant.signals, _WORDS, strict=True)]
+    longest = LONGEST_LAG * len(plant.u) * plant.Ts
+    residuals = Residuals.of(fit.residual, fit.u, fit.Ts, log.Ts, longest)
+    traces = Traces(log.t0, fit.Ts, fit.u, fit.measured, fit.simulated, plant.signals)
+    return page(
+        "plant.html",
+        title=f"Gains from {log.source}",
+        result=result,
+        log=log,
+        tuner=tuner,
+        input=words[0],
+        output=words[1],
+        numbers=_numbers(result),
+        instead=best(result.fallback),
+        parameters=_parameters(result, plant),
+        assumed=_assumed(result, log, made, tuner),
+        notes=(*log.notes, *result.notes),
+        checks=rows(result.checks, _checks(plant)),
+        fit=fit,
+        residuals=residuals,
+        svg=pictures(traces, residuals, words[0]),
+    )
+
+
+def _words(signal: str, word: str) -> str:
+    """A signal's name without its unit; what it is, where the name is a symbol."""
+    name = signal.partition(" [")[0]
+    return name if len(name) > 1 else word
+
+
+def _numbers(result: PlantResult) -> list[tuple[str, str, str, str]]:
+    gains = [(name, minus(f"{value:.4g}"), "", "") for name, value in result.gains.items()]
+    figures = []
+    for name, interval in result.figures.items():
+        words, bracket, unit = name.partition(" [")
+        shown = {"deg]": "°"}.get(unit, f" {unit[:-1]}" if bracket else "")
+        figures.append(judged(_capital(words), interval, shown))
+    return gains + figures
+
+
+def _parameters(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]]:
+    deviations, table = result.fit.deviations, []
+    for name, value in result.parameters.items():
+        low, high = plant.prior[name]
+        made = f"{low:.4g} to {high:.4g}"
+        if name in deviations:
+            words = f"found, with a standard deviation of {deviations[name]:.2g}; prior {made}"
+        elif name in plant.measured:
+            words = f"measured; the tuner was made for {made}" if low < high else "measured"
+        else:
+            words = "known"
+        table.append((name, minus(f"{value:.4g}"), minus(words)))
+    return table
+
+
+def _checks(plant: Plant) -> dict[str, tuple[str, str]]:
+    """Of every plant, of its measured parameters and of its figures."""
+    named = {name: (f"{name} outside what the tuner was made for", "") for name in plant.measured}
+    for figure in plant.figures:
+        words, _, unit = figure.partition(" [")
+        key, unit = words.replace(" ", "_"), unit.removesuffix("]")
+        named[f"{key}_spread"] = f"Standard deviation of the {words}", unit
+        named[f"{key}_error"] = f"{_capital(words)} off what the design rule reaches", unit
+    return CHECKS | named
+
+
+def _assumed(
+    result: PlantResult, log: PlantLog, made: PlantTuner, tuner: str
+) -> list[tuple[str, str]]:
+    plant, fit = made.plant, result.fit
+    _, _, unit = plant.signals[1].partition(" [")
+    offset = minus(f"{fit.offset:.3g}") + (f" {unit[:-1]}" if unit else "")
+    start = "from rest, without offset" if fit.from_rest else f"anywhere; offset {offset}"
+    known = ", ".join(f"{name} {value:.4g}" for name, value in log.measured.items())
+    return [
+        ("Tuner", tuner),
+        ("Plant", plant.entry or "without an entry point"),
+        ("Signals", " to ".join(plant.signals)),
+        ("Experiment trained on", f"{len(plant.u) * plant.Ts:.4g} s, {every(plant.Ts)}"),
+        ("Recording", f"{log.duration:.4g} s, {every(log.Ts)}"),
+        *([("Measured beside it", known)] if known else []),
+        ("Start", start),
+        ("Signal to noise", minus(f"{fit.snr_db:.1f} dB")),
+    ]
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
