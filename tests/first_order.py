@@ -3,7 +3,7 @@
 import numpy as np
 
 from tuners import plants
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
 from yawrate_env.excitation import prbs
 
 TS, TAU, SIGMA = 0.02, 0.3, 0.02

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tuners.armax import (
+from tuners.compressors.armax import (
     _COST,
     _EDGE,
     _GRADIENT,

@@ -7,8 +7,8 @@ from recordings import drawn, recorded
 
 from tuners.benchmark import page, rivals, stages
 from tuners.benchmark.stopwatch import Contender, race
+from tuners.compressors.laguerre import Laguerre
 from tuners.identification import identify
-from tuners.laguerre import Laguerre
 from tuners.tuner import nominal_context
 from yawrate_env.episode import plants
 from yawrate_env.simulation import simulate

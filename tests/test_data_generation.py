@@ -16,10 +16,10 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 
-from tuners.armax import Armax
+from tuners.compressors.armax import Armax
+from tuners.compressors.laguerre import Laguerre
 from tuners.data import DatasetError, generate, shards, verify, workers
 from tuners.data.manifest import Configuration, Manifest, Shard, shard_size
-from tuners.laguerre import Laguerre
 from tuners.plants.coordinates import loop
 from tuners.plants.data import examples
 from tuners.yaw_rate import yaw_rate

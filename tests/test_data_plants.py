@@ -18,11 +18,11 @@ from test_data_generation import TASK, cluster, contents, environment
 from test_data_generation import made as of_vehicles
 
 from tuners import data, plants
+from tuners.compressors.laguerre import Laguerre
 from tuners.data import DatasetError, Folder, generate, load_gains, shards, verify
 from tuners.data.manifest import Configuration, Shard
-from tuners.feedforward import FeedForwardSettings
-from tuners.gbm import GBMSettings
-from tuners.laguerre import Laguerre
+from tuners.learners.feedforward import FeedForwardSettings
+from tuners.learners.gbm import GBMSettings
 from tuners.plants import fingerprint
 from tuners.plants.data import examples, recorded
 from tuners.stages import Recipe

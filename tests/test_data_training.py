@@ -10,11 +10,11 @@ from recordings import ROOT
 import tuners
 from tuners import data
 from tuners.catalogue import RECIPES
+from tuners.compressors.laguerre import Laguerre
 from tuners.data import DatasetError, generate, shards
 from tuners.data.training import Part
-from tuners.feedforward import FeedForwardSettings
-from tuners.gbm import GBMSettings
-from tuners.laguerre import Laguerre
+from tuners.learners.feedforward import FeedForwardSettings
+from tuners.learners.gbm import GBMSettings
 from tuners.plants.coordinates import loop
 from tuners.plants.data import examples
 from tuners.stages import trains

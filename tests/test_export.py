@@ -16,6 +16,7 @@ from test_imports import modules_after
 
 import tuners
 from tuners.baselines import Nominal
+from tuners.compressors.laguerre import Laguerre
 from tuners.control_models import pi_controller
 from tuners.coordinates import decode, encode
 from tuners.export import (
@@ -28,8 +29,7 @@ from tuners.export import (
     matlab_script,
 )  # fmt: skip
 from tuners.export.onnx_tuner import onnx_model
-from tuners.feedforward import FeedForward, _Scaling
-from tuners.laguerre import Laguerre
+from tuners.learners.feedforward import FeedForward, _Scaling
 from tuners.stages import Stages
 from tuners.two_stage import TwoStage
 from yawrate_env.design import Status

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from tuners.feedforward import FeedForward, FeedForwardSettings, nguyen_widrow, normal_equations
+from tuners.learners.feedforward import (
+    FeedForward,
+    FeedForwardSettings,
+    nguyen_widrow,
+    normal_equations,
+)
 
 torch.set_num_threads(1)
 

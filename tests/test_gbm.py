@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from tuners.gbm import GBM, GBMSettings
+from tuners.learners.gbm import GBM, GBMSettings
 
 SMALL = {"n_estimators": 30, "min_child_weight": 2.0}
 

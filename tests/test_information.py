@@ -5,7 +5,7 @@ import pytest
 from recordings import drawn
 
 from tuners.bound import information, noise_variance
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
 from tuners.studies.information import after_averaging, in_armax, in_laguerre
 from yawrate_env.episode import excitation, plants
 from yawrate_env.simulation import simulate

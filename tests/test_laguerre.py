@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
 from yawrate_env.excitation import prbs
 
 TS = 0.001

@@ -7,8 +7,8 @@ from first_order import SIGMA, TAU, TS, U, by_one, described, design, slopes
 
 import yawrate_env  # noqa: F401, registers
 from tuners import plants
-from tuners.feedforward import FeedForwardSettings
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
+from tuners.learners.feedforward import FeedForwardSettings
 from tuners.plants.bound import cramer_rao
 from tuners.plants.data import recorded
 from tuners.plants.evaluation import GRAY_BOX, TUNER, compare

@@ -14,8 +14,8 @@ import tuners
 from tuners import logs, plants
 from tuners.cli import main
 from tuners.cli.grouped import PLANT, VEHICLE, Flag
-from tuners.feedforward import FeedForwardSettings
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
+from tuners.learners.feedforward import FeedForwardSettings
 from tuners.plants.log import PlantOptions, read_log
 from tuners.report import render_plant
 from tuners.stages import Recipe

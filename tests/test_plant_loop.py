@@ -8,8 +8,8 @@ import pytest
 
 import tuners
 from tuners import bound, plants
-from tuners.feedforward import FeedForwardSettings
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
+from tuners.learners.feedforward import FeedForwardSettings
 from tuners.plants.black_box import black_box, functions_for
 from tuners.plants.bound import cramer_rao
 from tuners.plants.data import recorded, sample

@@ -7,9 +7,10 @@ import pytest
 from first_order import SIGMA, TAU, U, by_one, described, design, plant, simulate, slopes
 
 from tuners import plants
-from tuners.feedforward import FeedForwardSettings
-from tuners.gbm import GBMSettings
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.response import FrequencyResponse
+from tuners.learners.feedforward import FeedForwardSettings
+from tuners.learners.gbm import GBMSettings
 from tuners.model_file import ModelFileError
 from tuners.plants.black_box import black_box, functions_for, suited
 from tuners.plants.bound import cramer_rao, parameter_covariance
@@ -17,7 +18,6 @@ from tuners.plants.data import episodes, recorded, sample
 from tuners.plants.evaluation import GRAY_BOX, NOMINAL, ORACLE, TUNER, compare
 from tuners.plants.fit import fit
 from tuners.plants.identification import identify
-from tuners.response import FrequencyResponse
 from tuners.stages import Recipe
 
 FEW = Recipe(

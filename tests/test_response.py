@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from recordings import recorded
 
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.response import FrequencyResponse
 from tuners.recording import Recording
-from tuners.response import FrequencyResponse
 from yawrate_env.episode import plants
 from yawrate_env.loop import TransferFunction
 from yawrate_env.simulation import simulate

@@ -10,9 +10,9 @@ from test_imports import modules_after
 
 import tuners
 from tuners import rl_training
+from tuners.compressors.laguerre import Laguerre
 from tuners.evaluation import evaluate
 from tuners.feature_map import FeatureMap
-from tuners.laguerre import Laguerre
 from tuners.rl import ALGORITHMS, Actor, RLTuner, Training
 from tuners.rl_training import Run, _actor, _Average
 from yawrate_env.contexts import CONTEXT_SETS

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from recordings import recorded
 
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
 from tuners.plants.black_box import black_box, free_responses
 from tuners.recording import Recording
 from tuners.yaw_rate import BLACK_BOX, yaw_rate

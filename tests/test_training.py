@@ -7,10 +7,10 @@ import pytest
 import torch
 
 import tuners
-from tuners.armax import Armax
 from tuners.catalogue import RECIPES
-from tuners.feedforward import FeedForwardSettings
-from tuners.gbm import GBMSettings
+from tuners.compressors.armax import Armax
+from tuners.learners.feedforward import FeedForwardSettings
+from tuners.learners.gbm import GBMSettings
 from tuners.plants.coordinates import loop
 from tuners.plants.data import examples
 from tuners.stages import Recipe

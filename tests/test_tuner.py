@@ -9,9 +9,9 @@ import tuners
 from tuners import model_file
 from tuners.baselines import Nominal, Oracle
 from tuners.catalogue import UNTRAINED, shipped
-from tuners.feedforward import FeedForwardSettings
-from tuners.gbm import GBMSettings
 from tuners.gray_box import GrayBox
+from tuners.learners.feedforward import FeedForwardSettings
+from tuners.learners.gbm import GBMSettings
 from tuners.tuner import Tuner, nominal_context, task_from
 from yawrate_env.design import Design, Status
 from yawrate_env.judge import Judge

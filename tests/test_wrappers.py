@@ -14,10 +14,10 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import FlattenObservation, RescaleAction
 from recordings import ROOT, recorded
 
-from tuners.armax import Armax
 from tuners.compressors import compressor
+from tuners.compressors.armax import Armax
+from tuners.compressors.laguerre import Laguerre
 from tuners.feature_map import LIMIT, ActionMap, FeatureMap
-from tuners.laguerre import Laguerre
 from tuners.recording import Recording
 from tuners.wrappers import Compressed, CompressedVector, LoopAction, LoopActionVector
 from yawrate_env.contexts import CONTEXT_SETS

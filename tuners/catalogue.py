@@ -6,18 +6,18 @@ from importlib.resources import files
 from pathlib import Path
 
 from tuners import model_file
-from tuners.armax import Armax
 from tuners.baselines import Nominal, Oracle
-from tuners.feedforward import FeedForwardSettings
-from tuners.gbm import GBMSettings
+from tuners.compressors.armax import Armax
+from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.response import FrequencyResponse
 from tuners.gray_box import GrayBox
-from tuners.laguerre import Laguerre
+from tuners.learners.feedforward import FeedForwardSettings
+from tuners.learners.gbm import GBMSettings
+from tuners.learners.trend import TrendSettings
 from tuners.plants.data import Examples
 from tuners.plants.training import fit
-from tuners.response import FrequencyResponse
 from tuners.rl import RLTuner
 from tuners.stages import Recipe
-from tuners.trend import TrendSettings
 from tuners.trust import Calibration
 from tuners.tuner import Tuner
 from tuners.two_stage import TwoStage

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tuners import armax as fitting
+from tuners.compressors import armax as fitting
 from tuners.control_models import vehicle_model
 from tuners.identification import identify
 from tuners.pidtune import Info

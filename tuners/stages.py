@@ -8,14 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.compressors import FirstStage, compressor, described
-from tuners.feedforward import FeedForward, FeedForwardSettings
-from tuners.gbm import GBM, GBMSettings
-from tuners.trend import Trend, TrendSettings
+from tuners.learners import LEARNERS, Learner, Settings
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
-
-LEARNERS: dict[str, Any] = {"gbm": GBM, "feedforward": FeedForward, "trend": Trend}
 
 LEAST_USABLE = 20
 TRAINING_SHARE = 0.8
@@ -42,7 +38,7 @@ class Recipe:
     """
 
     compressor: FirstStage
-    learner: GBMSettings | FeedForwardSettings | TrendSettings
+    learner: Settings
     coordinates: str = "loop"
     noise_draws: int = 1
     vehicles: int = 1500
@@ -62,7 +58,7 @@ class Stages:
     """
 
     compressor: FirstStage
-    learner: FeedForward | GBM | Trend
+    learner: Learner
 
     def __call__(
         self, u: Array, y: Array, Ts: float, shown: Array

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners import coordinates
+from tuners.compressors.response import FrequencyResponse
 from tuners.recording import Recording
-from tuners.response import FrequencyResponse
 from tuners.stages import Stages
 from tuners.tuner import Tuner, task_from
 from tuners.yaw_rate import theta_of, yaw_rate

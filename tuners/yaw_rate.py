@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners import identification
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
 from tuners.plants.coordinates import PLAIN, Coordinates, loop
 from tuners.plants.figure import Figure
 from tuners.plants.identification import identify

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
 from tuners.recording import Recording
 from tuners.tuner import nominal_context
 from yawrate_env.batch import take

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from tuners import catalogue
-from tuners.armax import armax
 from tuners.benchmark import rivals, throughput
 from tuners.benchmark.stopwatch import Contender, Times, race
+from tuners.compressors.armax import armax
+from tuners.compressors.laguerre import Laguerre
 from tuners.identification import identify
-from tuners.laguerre import Laguerre
 from tuners.plants.data import examples
 from tuners.recording import Recording
 from tuners.tuner import nominal_context

@@ -14,8 +14,8 @@ from tuners.cli import plant
 from tuners.cli.example import example
 from tuners.cli.files import READABLE, Output, keep
 from tuners.cli.numbers import COUNT
-from tuners.feedforward import FeedForwardSettings
-from tuners.trend import TrendSettings
+from tuners.learners.feedforward import FeedForwardSettings
+from tuners.learners.trend import TrendSettings
 from yawrate_env.task import Task
 
 if TYPE_CHECKING:

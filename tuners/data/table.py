@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.catalogue import RECIPES
+from tuners.compressors.laguerre import Laguerre
 from tuners.data import shards
 from tuners.data.folder import Folder
 from tuners.data.manifest import Configuration, Shard
 from tuners.data.subject import Columns, target_names
-from tuners.laguerre import Laguerre
 from tuners.plants.plant import Plant
 from yawrate_env import validation
 from yawrate_env.contexts import CONTEXT_SETS

@@ -1,7 +1,8 @@
 """The Laguerre first stage as C99 source: sample by sample, in constant memory.
 
-Filters as `tuners.laguerre`, sums up the normal equations, and solves them by Cholesky's
-method at the end; always in double precision, because the equations square the condition.
+Filters as `tuners.compressors.laguerre`, sums up the normal equations, and solves them by
+Cholesky's method at the end; always in double precision, because the equations square the
+condition.
 """
 
 from string import Template
@@ -10,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import yawrate_env
+from tuners.compressors.laguerre import Laguerre
 from tuners.export import literals
-from tuners.laguerre import Laguerre
 from yawrate_env import validation
 
 Array = NDArray[np.float64]

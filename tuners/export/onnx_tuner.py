@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.response import FrequencyResponse
 from tuners.export.graph import Graph
 from tuners.export.trees import ensemble
-from tuners.feedforward import FeedForward
-from tuners.gbm import GBM
-from tuners.laguerre import Laguerre
-from tuners.response import FrequencyResponse
-from tuners.trend import Trend
+from tuners.learners.feedforward import FeedForward
+from tuners.learners.gbm import GBM
+from tuners.learners.trend import Trend
 from tuners.tuner import Tuner
 from yawrate_env.design import LEAST_LAG, Status
 from yawrate_env.excitation import prbs

@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.laguerre import Laguerre, lifted
+from tuners.compressors.laguerre import Laguerre, lifted
 from tuners.plants.data import sample
 from tuners.plants.plant import Plant
 from yawrate_env import validation

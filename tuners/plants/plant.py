@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
 from tuners.plants.checks import check_functions, check_settings
 from tuners.plants.coordinates import LOG, Coordinates
 from tuners.plants.figure import Figure

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.feedforward import FeedForwardSettings
+from tuners.learners.feedforward import FeedForwardSettings
 from tuners.plants.black_box import functions_for, suited
 from tuners.plants.data import Episodes, Examples, episodes, examples
 from tuners.plants.plant import Plant

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tuners import model_file
 from tuners.compressors import described
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
 from tuners.plants import entry, fingerprint
 from tuners.plants.black_box import black_box
 from tuners.plants.data import sample

@@ -18,13 +18,13 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.armax import Armax
 from tuners.bound import cramer_rao, inverse, margin_sensitivity, posterior_spread, spread
 from tuners.catalogue import RECIPES
 from tuners.compressors import FirstStage
-from tuners.feedforward import FeedForwardSettings
+from tuners.compressors.armax import Armax
+from tuners.compressors.laguerre import Laguerre
 from tuners.gray_box import GrayBox
-from tuners.laguerre import Laguerre
+from tuners.learners.feedforward import FeedForwardSettings
 from tuners.stages import Recipe
 from tuners.studies import information, nested
 from tuners.studies.rows import HEAD, Row, cells, errors, row

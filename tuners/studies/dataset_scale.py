@@ -31,7 +31,7 @@ _SAMPLE = 100
 _PROGRAM = """
 import sys
 from tuners.data import generate
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.task import Task
 

@@ -12,9 +12,9 @@ the noise: D and C come from recordings of the same vehicle with fresh noise.
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.armax import Armax
 from tuners.bound import noise_variance
-from tuners.laguerre import Laguerre, lifted
+from tuners.compressors.armax import Armax
+from tuners.compressors.laguerre import Laguerre, lifted
 from yawrate_env.batch import take
 from yawrate_env.decimation import averaged
 from yawrate_env.episode import Draw, excitation, plants

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tuners.armax import Armax, armax, simulated
 from tuners.bound import cramer_rao, posterior_spread
 from tuners.catalogue import RECIPES, UNTRAINED, train
+from tuners.compressors.armax import Armax, armax, simulated
 from tuners.evaluation import Evaluation, evaluate, write_csv
 from tuners.plants.data import examples
 from tuners.recording import Recording

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from tuners.bound import cramer_rao
 from tuners.catalogue import RECIPES, load, train
+from tuners.compressors.laguerre import Laguerre
 from tuners.evaluation import evaluate
-from tuners.feedforward import FeedForwardSettings
-from tuners.gbm import GBMSettings
 from tuners.gray_box import GrayBox
-from tuners.laguerre import Laguerre
+from tuners.learners.feedforward import FeedForwardSettings
+from tuners.learners.gbm import GBMSettings
 from tuners.metrics import bootstrap_interval, ratio_of_rms
 from tuners.stages import Recipe
 from tuners.tuner import Tuner

@@ -1,9 +1,9 @@
 """First stage: the recording's own frequency response around the crossover.
 
-A Laguerre model is fitted by least squares (`tuners.laguerre`) and shown by log magnitude
-and phase at a few frequencies.  These are the loop coordinates of the plant: what a
-controller must supply at the crossover is nearly linear in them, for every speed, so that
-a learner spends its neurons on weighing them rather than on bending coefficients.
+A Laguerre model is fitted by least squares and shown by log magnitude and phase at a few
+frequencies.  These are the loop coordinates of the plant: what a controller must supply at the
+crossover is nearly linear in them, for every speed, so that a learner spends its neurons on
+weighing them rather than on bending coefficients.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.laguerre import Laguerre
+from tuners.compressors.laguerre import Laguerre
 
 Array = NDArray[np.float64]
 

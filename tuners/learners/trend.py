@@ -1,10 +1,10 @@
 """Second stage in two steps: a polynomial trend by least squares, the rest to a learner.
 
 In loop coordinates what a controller must supply is nearly linear in the recording's own
-frequency response (`tuners.response`).  The trend takes that; trees need no staircase and
-neurons no bending to follow it, and learn what is left.  The learner gets the features
-decorrelated: combinations that say little about the vehicle, but much about the noise in
-the others, come out as large as these.
+frequency response (`tuners.compressors.response`).  The trend takes that; trees need no
+staircase and neurons no bending to follow it, and learn what is left.  The learner gets the
+features decorrelated: combinations that say little about the vehicle, but much about the noise
+in the others, come out as large as these.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners import feedforward, gbm
+from tuners.learners import feedforward, gbm
 
 Array = NDArray[np.float64]
 Batches = Iterable[tuple[Array, Array]]

@@ -6,9 +6,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.armax import Armax
-from tuners.laguerre import Laguerre
-from tuners.response import FrequencyResponse
+from tuners.compressors.armax import Armax
+from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.response import FrequencyResponse
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
