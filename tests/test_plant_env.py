@@ -77,7 +77,7 @@ def test_an_episode_has_one_step():
     "do, words",
     [
         (lambda env: env.reset(options={"mass": 1.0}), "mass"),
-        (lambda env: env.reset(options={"K": np.nan}), "K has nan"),
+        (lambda env: env.reset(options={"K": np.nan}), "K = nan must be finite"),
         (lambda env: env.reset(options={"K": [1.0, 2.0]}), "K has 2 values: give one, or 1"),
         (lambda env: env.step(np.ones(3)), "action has shape"),
         (lambda env: env.step(np.array([np.nan, 1.0])), "every value must be finite"),

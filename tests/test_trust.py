@@ -166,7 +166,7 @@ def test_assessments_come_in_parts_that_do_not_matter():
     assert margins.shape == (130, 2) and np.abs(margins - [60, 1.5]).max() < 0.06
 
 
-@pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf])
-def test_a_calibration_factor_is_positive(factor):
+@pytest.mark.parametrize("factor", [-0.1, -1.0, np.nan, np.inf])
+def test_a_calibration_factor_is_not_negative(factor):
     with pytest.raises(ValueError, match="calibration crossover = .* Calibrate again"):
         Calibration(crossover=factor)

@@ -27,6 +27,7 @@ def calibrate(
     """Set the tuner's `calibration` from `episodes` of the ``calibration`` set."""
     validation.count("episodes", episodes, at_least=100, remedy="Simulate more.")
     factors = training.calibrated(
+        yaw_rate(tuner.task),
         assessed(tuner, "calibration", episodes, seed),
         None if progress is None else lambda done: progress(done, episodes),
     )

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.identification import identify
+from tuners.plausible import LARGEST_SPEED
 from tuners.recording import Recording
 from tuners.tuner import Tuner, nominal_context
 from yawrate_env.design import Design
@@ -20,8 +21,8 @@ class GrayBox(Tuner):
 
     @property
     def speed_range(self) -> tuple[float, float]:
-        """Any: the equations of motion know what speed does."""
-        return 0.0, np.inf
+        """Any that a car has: the equations of motion know what speed does."""
+        return 0.0, LARGEST_SPEED
 
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Design for the identified vehicles."""

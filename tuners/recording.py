@@ -118,8 +118,9 @@ class Recording:
         N = self.y.shape[1]
         if N < 4:
             raise ValueError(f"{N} samples are too few to interpolate. Record for longer.")
-        at = np.arange(int(np.floor((N - 1) * self.Ts / Ts + 1e-9)) + 1) * (Ts / self.Ts)
-        held = np.floor(at + 1e-9).astype(np.intp)
+        at = np.arange(int(np.floor((N - 1) * self.Ts / Ts + 0.1)) + 1) * (Ts / self.Ts)
+        # What holds over the larger part of a sample: clocks may differ by a few ppm.
+        held = np.minimum(np.floor(at + min(Ts / self.Ts, 1.0) / 2), N - 1).astype(np.intp)
         y = make_interp_spline(np.arange(N), self.y, k=3, axis=1)(at)
         return replace(
             self,

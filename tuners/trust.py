@@ -1,7 +1,7 @@
 """Trust in a vehicle's terms: its limits, its words, its answer.
 
 What decides is `tuners.plants.trust`, the same for every plant.  A vehicle's recordings are
-also asked whether a car can have made them, and at a speed that the tuner was made for.
+also asked whether their speed is one that the tuner was made for.
 """
 
 from dataclasses import dataclass
@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.plants.trust import GAUSSIAN, Assessment, Finding
-from tuners.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE
-from tuners.recording import Recording
+from tuners.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
 from tuners.result import Interval, TuningResult, TwinFit
 from tuners.yaw_rate import SPEED_SLACK, context_of
 from yawrate_env import validation
@@ -23,13 +22,11 @@ _SPEED = (
     "The recording's speed is not one that the tuner was made for: train one for it, or use one "
     "for every speed."
 )
-_IMPLAUSIBLE = (
-    f"Steering beyond {np.degrees(LARGEST_ANGLE):.0f} deg, a yaw rate beyond "
-    f"{LARGEST_YAW_RATE:g} rad/s or a speed beyond {LARGEST_SPEED:g} m/s: check the units."
-)
 _MISSED = "With the fitted vehicle these gains miss the target."
 
 MESSAGES = {
+    "implausible": f"Steering beyond {np.degrees(LARGEST_ANGLE):.0f} deg or a yaw rate beyond "
+    f"{LARGEST_YAW_RATE:g} rad/s: check the units.",
     "misfit": "No vehicle that the simulator knows answers this command so: check units, "
     "signs, sampling time, delays between the channels, speed and the vehicle's data.",
     "response": "At the crossover the recording responds otherwise than the fitted vehicle: "
@@ -65,7 +62,7 @@ class Calibration:
     def __post_init__(self) -> None:
         for name in ("phase_margin", "crossover"):
             validation.number(
-                f"calibration {name}", getattr(self, name), above=0.0, remedy="Calibrate again."
+                f"calibration {name}", getattr(self, name), at_least=0.0, remedy="Calibrate again."
             )
 
     @property
@@ -74,10 +71,8 @@ class Calibration:
         return np.array([self.phase_margin, self.crossover])
 
 
-def of_vehicles(
-    found: Assessment, recording: Recording, v_x: Array, speeds: tuple[float, float]
-) -> Assessment:
-    """Ask too whether a car can have made the recordings, and say everything in its words.
+def of_vehicles(found: Assessment, v_x: Array, speeds: tuple[float, float]) -> Assessment:
+    """Ask for the speed too, and say everything in a vehicle's words.
 
     Parameters
     ----------
@@ -87,17 +82,7 @@ def of_vehicles(
         For which the tuner was made [m/s].
     """
     beyond = np.maximum(np.maximum(speeds[0] - v_x, v_x - speeds[1]), 0.0)
-    return found.worded(MESSAGES).beside(
-        speed=Finding(beyond, SPEED_SLACK, _SPEED),
-        implausible=Finding(_implausible(recording, v_x), 1.0, _IMPLAUSIBLE),
-    )
-
-
-def _implausible(recording: Recording, v_x: Array) -> Array:
-    """Largest command, yaw rate or speed over what a car can do."""
-    angle, turn = (np.abs(x).max(axis=1) for x in (recording.u, recording.y))
-    ratios = (angle / LARGEST_ANGLE, turn / LARGEST_YAW_RATE, v_x / LARGEST_SPEED)
-    return np.asarray(np.max(np.broadcast_arrays(*ratios), axis=0))
+    return found.worded(MESSAGES).beside(speed=Finding(beyond, SPEED_SLACK, _SPEED))
 
 
 def result(

@@ -139,7 +139,7 @@ class Tuner(ABC):
         begin[:, -1] = speeds
         gains, solved = np.stack([design.kp, design.Ti], axis=1), design.status == Status.OK
         found = assess(plant, model, recording.y, gains, begin, converged & solved)
-        return design, converged, of_vehicles(found, recording, speeds, self.speed_range)
+        return design, converged, of_vehicles(found, speeds, self.speed_range)
 
     def predict(
         self,

@@ -5,7 +5,7 @@ Every tuner for vehicles gets its data, its training, its trust and its interval
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -18,7 +18,8 @@ from tuners.plants.coordinates import PLAIN, Coordinates, loop
 from tuners.plants.figure import Figure
 from tuners.plants.identification import identify
 from tuners.plants.pi_loop import GAINS, PILoop
-from tuners.plants.plant import Plant, Search, snr
+from tuners.plants.plant import Plant, Range, Search, snr
+from tuners.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
 from tuners.recording import Recording
 from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.design import Status
@@ -28,7 +29,7 @@ from yawrate_env.judge import Judge
 from yawrate_env.reward import CROSSOVER_SCALE, PHASE_SCALE
 from yawrate_env.task import Target, Task
 from yawrate_env.twin import LinearTwin
-from yawrate_env.vehicle import Context
+from yawrate_env.vehicle import LARGEST, Context
 
 Array = NDArray[np.float64]
 Words = NDArray[np.uint64]
@@ -44,12 +45,18 @@ FIGURES = {
     "crossover [Hz]": Figure(CROSSOVER_SCALE, error=0.075, spread=0.025),
 }
 
+
+def _plain(target: Target) -> Coordinates:
+    return PLAIN
+
+
 COORDINATES: dict[str, Callable[[Target], Coordinates]] = {
     "loop": loop,
-    "gains": lambda target: PLAIN,
+    "gains": _plain,
 }
 
 _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
+_SLOWEST = 0.1  # m/s: at rest the single-track vehicle has no steady answer
 
 
 def context_of(theta: Array) -> Context:
@@ -75,11 +82,49 @@ def yaw_rate(task: Task, coordinates: str = "loop") -> Plant:
     coordinates : {"loop", "gains"}
         What a learner predicts (`tuners.coordinates`).
     """
-    experiment, prior = task.experiment, task.prior
+    experiment, prior, vehicles = task.experiment, task.prior, Vehicles(task)
+    plant = Plant(
+        prior={"mu_s": prior.mu_s, "M_delta": prior.M_delta, "v_x": prior.v_x},
+        measured={"v_x": SPEED_SLACK},
+        simulate=vehicles.simulate,
+        design=vehicles.design,
+        judge=vehicles.judge,
+        gains=GAINS,
+        figures=FIGURES,
+        target=(task.target.phase_margin, task.target.crossover),
+        coordinates=COORDINATES[coordinates](task.target),
+        u=excitation(experiment, np.zeros(1, np.uint64))[0],
+        excite=vehicles.excite if experiment.register == "random" else None,
+        Ts=experiment.Ts,
+        noise=snr(experiment.snr_db),
+        linear=vehicles.linear,
+        crossover=task.target.crossover,
+        plausible=(LARGEST_ANGLE, LARGEST_YAW_RATE),
+        signals=("steering command [rad]", "yaw rate [rad/s]"),
+        record=vehicles.record,
+        search_limits=vehicles.limits(),
+        black_box=BLACK_BOX,
+    )
+    search = vehicles.search if vehicles.linear else Refined(plant, vehicles.search)
+    return replace(plant, gray_box=search)
 
-    def simulate(theta: Array, u: Array, rng: Any) -> Array:
-        y, inputs = np.empty((len(theta), u.shape[-1])), np.atleast_2d(u)
-        into = task.twin.simulator(task.vehicle, context_of(theta), inputs, experiment.Ts)
+
+@dataclass(frozen=True, slots=True)
+class Vehicles:
+    """What a plant's description asks of a task's vehicles: parameters (mu_s, M_delta, v_x)."""
+
+    task: Task
+
+    @property
+    def linear(self) -> bool:
+        """Whether the twin is."""
+        return isinstance(self.task.twin, LinearTwin)
+
+    def simulate(self, theta: Array, u: Array, rng: Any) -> Array:
+        """Noise-free yaw rates (B, N) from rest; nothing in a twin is random."""
+        task, inputs = self.task, np.atleast_2d(u)
+        y = np.empty((len(theta), inputs.shape[1]))
+        into = task.twin.simulator(task.vehicle, context_of(theta), inputs, task.experiment.Ts)
 
         def work(i: int, j: int) -> None:
             into(y[i:j], i, j)
@@ -87,78 +132,62 @@ def yaw_rate(task: Task, coordinates: str = "loop") -> Plant:
         over_blocks(work, len(theta), LANES)
         return y
 
-    def record(theta: Array, u: Array, keys: Words) -> Array:
-        return np.asarray(respond(task, context_of(theta), u, keys), dtype=np.float64)
+    def record(self, theta: Array, u: Array, keys: Words) -> Array:
+        """Measured yaw rates, as the environment has them."""
+        return np.asarray(respond(self.task, context_of(theta), u, keys), dtype=np.float64)
 
-    def discrete(theta: Array, Ts: float) -> DiscretePlant:
-        return plants(task.vehicle, context_of(theta), Ts)
+    def excite(self, words: Words) -> Array:
+        """A random register each."""
+        return excitation(self.task.experiment, words)
 
-    def design(theta: Array) -> Array:
-        found = Judge.of(task, context_of(theta)).oracle()
+    def design(self, theta: Array) -> Array:
+        """Gains (B, 2) that give the target; ``nan`` where a PI misses it."""
+        found = Judge.of(self.task, context_of(theta)).oracle()
         gains = np.stack([found.kp, found.Ti], axis=1)
         return np.where(found.status[:, None] == Status.OK, gains, np.nan)
 
-    linear = isinstance(task.twin, LinearTwin)
-    plant = Plant(
-        prior={"mu_s": prior.mu_s, "M_delta": prior.M_delta, "v_x": prior.v_x},
-        measured={"v_x": SPEED_SLACK},
-        simulate=simulate,
-        design=design,
-        judge=PILoop(discrete, experiment.Ts, task.target).judge,
-        gains=GAINS,
-        figures=FIGURES,
-        target=(task.target.phase_margin, task.target.crossover),
-        coordinates=COORDINATES[coordinates](task.target),
-        u=excitation(experiment, np.zeros(1, np.uint64))[0],
-        excite=None
-        if experiment.register == "same"
-        else lambda words: excitation(experiment, words),
-        Ts=experiment.Ts,
-        noise=snr(experiment.snr_db),
-        linear=linear,
-        crossover=task.target.crossover,
-        signals=("steering command [rad]", "yaw rate [rad/s]"),
-        record=record,
-        search_limits=_limits(task, linear),
-        black_box=BLACK_BOX,
-    )
-    compiled = _gray_box(task)
-    return replace(plant, gray_box=compiled if linear else _refined(plant, compiled))
+    def judge(self, theta: Array, gains: Array) -> Array:
+        """Phase margin [deg] and crossover [Hz], (B, 2)."""
+        task = self.task
+        return PILoop(self.discrete, task.experiment.Ts, task.target).judge(theta, gains)
 
+    def discrete(self, theta: Array, Ts: float) -> DiscretePlant:
+        """The linear vehicles at a sampling time [s]."""
+        return plants(self.task.vehicle, context_of(theta), Ts)
 
-def _gray_box(task: Task) -> Search:
-    """The compiled search with exact sensitivities."""
-    friction, mass = (low < high for low, high in (task.prior.mu_s, task.prior.M_delta))
-
-    def search(u: Array, y: Array, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def search(self, u: Array, y: Array, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """The linear vehicle behind recordings, by exact sensitivities, compiled."""
+        task = self.task
+        friction, mass = (low < high for low, high in (task.prior.mu_s, task.prior.M_delta))
         recording = Recording(u, y, task.experiment.Ts)
         start, speeds = context_of(theta[:1]), theta[:, 2]
         found = identification.identify(task.vehicle, recording, start, speeds, (friction, mass))
         return theta_of(found.context), found.converged
 
-    return search
+    def limits(self) -> dict[str, Range]:
+        """How far searches and recordings go: a vehicle may be lighter than the prior's lightest.
+
+        The compiled search goes anywhere that foreign recordings send it.
+        """
+        lightest, heaviest = (mass - self.task.vehicle.M_0 for mass in _MASS)
+        speed = min(self.task.prior.v_x[0], _SLOWEST), LARGEST["v_x"]
+        if self.linear:
+            return {"mu_s": _FRICTION, "M_delta": (lightest, heaviest), "v_x": speed}
+        low, high = self.task.prior.M_delta
+        spare = (high - low) / 2
+        return {"M_delta": (max(low - spare, lightest), high + spare), "v_x": speed}
 
 
-def _refined(plant: Plant, rough: Search) -> Search:
-    """A search by differences that starts from where another one ends."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """A search by differences that starts from where a rougher one ends."""
 
-    def search(u: Array, y: Array, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
-        start = np.clip(rough(u, y, theta)[0], *plant.limits)
-        start[:, plant.known] = theta[:, plant.known]
-        found = identify(plant, u, y, start, beyond=True)
+    plant: Plant
+    rough: Search
+
+    def __call__(self, u: Array, y: Array, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Find parameters (B, 3) behind outputs (B, N), and whether the search converged."""
+        start = np.clip(self.rough(u, y, theta)[0], *self.plant.limits)
+        start[:, self.plant.known] = theta[:, self.plant.known]
+        found = identify(self.plant, u, y, start, beyond=True)
         return found.theta, found.converged
-
-    return search
-
-
-def _limits(task: Task, linear: bool) -> dict[str, tuple[float, float]]:
-    """How far the searches go: a vehicle may be lighter than the lightest of the prior.
-
-    The compiled one goes anywhere that foreign recordings send it.
-    """
-    lightest, heaviest = (mass - task.vehicle.M_0 for mass in _MASS)
-    if linear:
-        return {"mu_s": _FRICTION, "M_delta": (lightest, heaviest)}
-    low, high = task.prior.M_delta
-    spare = (high - low) / 2
-    return {"M_delta": (max(low - spare, lightest), high + spare)}

@@ -99,7 +99,8 @@ class Plants:
                 f"contexts = {contexts.name!r} has vehicles of its own. For other plants choose "
                 "train, test or calibration, or describe a plant with another prior."
             )
-        targets = set(target_names(self.described)) - set(self.described.gains)
+        targets = target_names(self.described)
+        targets = () if targets == self.described.gains else targets
         names = [*self.described.prior, *self.described.gains, *targets]
         for name, count in Counter([*names, "episode", "usable", *self.signals]).items():
             if count > 1 or FEATURE.fullmatch(name):

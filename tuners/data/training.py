@@ -94,7 +94,7 @@ def train_plant(
     if not isinstance(found, Plant):
         raise DatasetError(f"{dataset} holds vehicles. Use tuners.data.train.")
     recipe = recipe or replace(recipe_for(found), compressor=folder.recipe.compressor)
-    stages, training = fit(folder, PlantTuner.kind, recipe, found.coordinates, seed, progress)
+    stages, training = fit(folder, "two-stage", recipe, found.coordinates, seed, progress)
     return finished(found, stages, training, calibration, seed, progress)
 
 

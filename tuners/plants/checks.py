@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tuners.plants.figure import Figure
 from yawrate_env import validation
@@ -29,11 +29,15 @@ def check_settings(plant: "Plant") -> None:
                           "the prior it may lie.")  # fmt: skip
     for name in plant.search_limits:
         validation.one_of("search_limits' parameter", name, tuple(prior))
-    u: ArrayLike = validation.finite_array("u", plant.u, shape=(None,))
+    u = np.array(validation.finite_array("u", plant.u, shape=(None,)))  # a copy of its own
     Ts = validation.number("Ts", plant.Ts, above=0.0, remedy="Give the sampling time in seconds.")
     if plant.crossover is not None:
         validation.number("crossover", plant.crossover, above=0.0, at_most=0.5 / Ts,
                           remedy="Give it in Hz, below half the sampling rate.")  # fmt: skip
+    for signal, largest in zip(("input", "output"), plant.plausible, strict=True):
+        if not largest == np.inf:
+            validation.number(f"plausible {signal}", largest, above=0.0, remedy="Say what is too "
+                              "large to be.")  # fmt: skip
     if isinstance(plant.gains, str) or not plant.gains:
         raise ValueError(f'gains = {plant.gains!r} must be names, as in ("kp", "Ti").')
     if (plant.judge is None) != (not plant.figures):
@@ -48,7 +52,14 @@ def check_settings(plant: "Plant") -> None:
     figures = {name: _figure(name, value) for name, value in figures.items()}
     if not callable(plant.noise):
         validation.number("noise", plant.noise, at_least=0.0, remedy="Give a standard deviation.")
-    values = {"prior": prior, "u": u, "Ts": Ts, "gains": tuple(plant.gains), "figures": figures}
+    values = {
+        "prior": prior,
+        "u": u,
+        "Ts": Ts,
+        "gains": tuple(plant.gains),
+        "figures": figures,
+        "measured": dict(plant.measured),
+    }
     for name, value in values.items():
         object.__setattr__(plant, name, value)
 

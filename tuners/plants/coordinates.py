@@ -37,11 +37,19 @@ def _log(gains: Array) -> Array:
     return np.log(np.where(gains > 0, gains, np.nan))
 
 
-LOG = Coordinates(_log, np.exp, lambda gains: tuple(f"log_{name}" for name in gains))
+def _logged(gains: Names) -> Names:
+    return tuple(f"log_{name}" for name in gains)
+
+
+def _unchanged(gains: Names) -> Names:
+    return gains
+
+
+LOG = Coordinates(_log, np.exp, _logged)
 """Logarithms: relative errors count; for gains that are positive."""
 
 
-PLAIN = Coordinates(np.asarray, np.asarray, lambda gains: gains)
+PLAIN = Coordinates(np.asarray, np.asarray, _unchanged)
 """The gains themselves: absolute errors count."""
 
 
@@ -51,13 +59,21 @@ def loop(target: Target) -> Coordinates:
     An error of phase is the same error of phase margin for every plant
     (`tuners.coordinates`).
     """
+    at = _Loop(target)
+    return Coordinates(at.encode, at.decode, at.names)
 
-    def encode(gains: Array) -> Array:
+
+@dataclass(frozen=True, slots=True)
+class _Loop:
+    target: Target
+
+    def encode(self, gains: Array) -> Array:
         kp, Ti = np.where(gains > 0, gains, np.nan).T
-        return coordinates.encode(kp, Ti, target, "loop")
+        return coordinates.encode(kp, Ti, self.target, "loop")
 
-    def decode(values: Array) -> Array:
-        found = coordinates.decode(values, target, "loop")
+    def decode(self, values: Array) -> Array:
+        found = coordinates.decode(values, self.target, "loop")
         return np.stack([found.kp, found.Ti], axis=1)
 
-    return Coordinates(encode, decode, lambda gains: ("log_gain", "phase"))
+    def names(self, gains: Names) -> Names:
+        return "log_gain", "phase"

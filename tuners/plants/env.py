@@ -117,7 +117,8 @@ def pinned(plant: Plant, options: Mapping[str, Any], count: int) -> dict[str, Ar
     for name, value in options.items():
         validation.one_of("options' parameter", name, tuple(plant.prior))
         array = np.atleast_1d(validation.real_array(name, value)).astype(np.float64)
-        validation.finite_array(name, array, shape=(None,))
+        for one in array:
+            plant.possible(name, one)
         if len(array) not in (1, count):
             raise ValueError(f"options' {name} has {len(array)} values: give one, or {count}.")
         values[name] = np.broadcast_to(array, (count,))

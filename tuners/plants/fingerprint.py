@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 _TRIALS = 3
 _SEED = 21
 _ROUNDING = 1e-6
+_OF_ROWS = ("prior", "gains", "Ts", "measured")
 
 
 def settings(plant: Plant) -> dict[str, Any]:
@@ -34,6 +35,11 @@ def settings(plant: Plant) -> dict[str, Any]:
             [name, *(float(plant.figure(of)[i]) for of in Figure.__slots__)]
             for i, name in enumerate(plant.figures)
         ],
+        "target": plant.target and list(plant.target),
+        "linear": plant.linear,
+        "plausible": [x if np.isfinite(x) else None for x in plant.plausible],
+        "crossover": plant.crossover,
+        "search_limits": [[name, *ends] for name, ends in plant.search_limits.items()],
     }
 
 
@@ -47,6 +53,7 @@ def trial(plant: Plant) -> dict[str, Array]:
         "design": plant.oracle(theta),
         "coordinates": plant.coordinates.encode(plant.oracle(theta)),
         "judge": plant.judged(theta, plant.oracle(plant.middle).repeat(_TRIALS, axis=0)),
+        "recordings": _recordings(plant),
     }
 
 
@@ -66,11 +73,11 @@ def changed(plant: Plant, then: dict[str, Any], answers: dict[str, Array]) -> st
 def of_episodes(plant: Plant) -> dict[str, Any]:
     """All that rows of a data set follow from, as few plain JSON values; compare by `alike`.
 
-    Figures are left out: no row holds one.
+    What only judges gains is left out: no row holds a figure.
     """
-    asked = trial(plant) | {"recordings": _recordings(plant)}
+    asked = trial(plant)
     return {
-        **{name: value for name, value in settings(plant).items() if name != "figures"},
+        **{name: value for name, value in settings(plant).items() if name in _OF_ROWS},
         "answers": {name: _sums(asked[name]) for name in asked if name != "judge"},
     }
 
@@ -106,4 +113,5 @@ def _same(then: Array, now: Array) -> bool:
     """Equal but for what another machine's rounding may do."""
     if then.shape != now.shape:
         return False
-    return np.allclose(then, now, rtol=1e-6, atol=1e-9 * np.abs(then).max(), equal_nan=True)
+    largest = np.abs(then[np.isfinite(then)]).max(initial=0.0)
+    return np.allclose(then, now, rtol=1e-6, atol=1e-9 * largest, equal_nan=True)

@@ -46,11 +46,7 @@ class PILoop:
     @classmethod
     def of(cls, model: Callable[[Array], Any], Ts: float, target: Target) -> Self:
         """Loop of a continuous python-control model ``model(theta)``, one plant at a time."""
-
-        def discrete(theta: Array, Ts: float) -> DiscretePlant:
-            return zoh(*_state_space([model(row) for row in theta]), Ts)
-
-        return cls(discrete, Ts, target)
+        return cls(_Modelled(model), Ts, target)
 
     def simulate(self, theta: Array, u: Array, rng: Any) -> Array:
         """Noise-free outputs (B, N) from rest."""
@@ -71,6 +67,16 @@ class PILoop:
     def _judge(self, theta: Array) -> Judge:
         plant = self.discrete(theta, self.target.Ts)
         return Judge(plant, TransferFunction.of(plant, self.target.delay_samples), self.target)
+
+
+@dataclass(frozen=True, slots=True)
+class _Modelled:
+    """Models of one plant at a time, discretised."""
+
+    model: Callable[[Array], Any]
+
+    def __call__(self, theta: Array, Ts: float) -> DiscretePlant:
+        return zoh(*_state_space([self.model(row) for row in theta]), Ts)
 
 
 def _state_space(models: list[Any]) -> tuple[Array, Array, Array]:

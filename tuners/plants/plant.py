@@ -31,8 +31,17 @@ _MARGIN = 0.5  # of a range's width, by which the search for parameters may leav
 
 def snr(decibels: float) -> Callable[[Array], Array]:
     """Noise at so many decibels below each noise-free output's mean square."""
-    ratio = 10 ** (-validation.number("snr", decibels, remedy="Give a ratio in dB.") / 20)
-    return lambda y: np.asarray(ratio * np.sqrt((y**2).mean(axis=1)))
+    return _Below(10 ** (-validation.number("snr", decibels, remedy="Give a ratio in dB.") / 20))
+
+
+@dataclass(frozen=True, slots=True)
+class _Below:
+    """Standard deviations at a ratio to outputs' root mean squares."""
+
+    ratio: float
+
+    def __call__(self, y: Array) -> Array:
+        return np.asarray(self.ratio * np.sqrt((y**2).mean(axis=1)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -85,6 +94,9 @@ class Plant:
     crossover : float, optional
         Where a loop's figures are decided [Hz]: noise is looked at around it, and with a
         linear plant the response.
+    plausible : tuple of float
+        Largest absolute input and output that a recording can hold: beyond, its units are
+        doubted.
     batched : bool
         Whether the functions take B plants at once, or ``(p,)`` and ``(k,)`` of one.
     signals : tuple of str
@@ -121,6 +133,7 @@ class Plant:
     excite: Callable[[Words], Array] | None = None
     linear: bool = False
     crossover: float | None = None
+    plausible: tuple[float, float] = (np.inf, np.inf)
     batched: bool = True
     signals: tuple[str, str] = ("u", "y")
     entry: str = ""
@@ -187,6 +200,12 @@ class Plant:
             ends[:, i] = self.search_limits.get(name, ends[:, i])
         return ends[0], ends[1]
 
+    def possible(self, name: str, value: Any) -> float:
+        """A parameter's value, or ``ValueError`` where the simulator was not made for it."""
+        low, high = (float(end[list(self.prior).index(name)]) for end in self.limits)
+        return validation.number(name, value, at_least=low, at_most=high, remedy="Describe a "
+                                 "plant with a wider prior, or search_limits.")  # fmt: skip
+
     def respond(self, theta: Array, u: Array | None = None, rng: Any = None) -> Array:
         """Outputs (B, N) without measurement noise, by default of the experiment's input.
 
@@ -198,8 +217,8 @@ class Plant:
         given = np.atleast_2d(self.u if u is None else u)
         own = (given,) if len(given) > 1 else ()
 
-        def simulated(t: Array, v: Array = given[0]) -> Array:
-            return self.simulate(t, v, rng)
+        def simulated(t: Array, v: Array | None = None) -> Array:
+            return self.simulate(t, given[0].copy() if v is None else v, rng)
 
         return self._each("simulate", simulated, given.shape[1], theta, *own)
 
@@ -272,6 +291,7 @@ class Plant:
 
     def _each(self, name: str, function: Callable[..., Any], width: int, *arrays: Array) -> Array:
         """Call for the batch, or for one at a time, and check the shape."""
+        arrays = tuple(array.copy() for array in arrays)  # theirs to write into
         if self.batched:
             values = np.asarray(function(*arrays), dtype=np.float64)
         else:

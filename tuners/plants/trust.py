@@ -33,6 +33,7 @@ GAUSSIAN = 1.6449
 
 _DOUBT = 3.0  # standard deviations that a finding must exceed to count
 _STEP = 1e-3  # of a range: figures may come from a simulation's samples
+_WHITE = 2.0  # times white noise's power in a band: what white noise may happen to have
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +42,8 @@ class Limits:
 
     Attributes
     ----------
+    implausible : float
+        Largest input or output over what a recording of the plant can hold.
     misfit : float
         Output that the input explains and the fitted plant does not, over the output,
         beyond what noise can do.
@@ -59,6 +62,7 @@ class Limits:
         Whether the design or the numerics failed, as 1 or 0.
     """
 
+    implausible: float = 1.0
     misfit: float = 0.01
     response: float = 0.02
     noise: float = 0.3
@@ -73,6 +77,7 @@ _INFORMATION = (
 _MISSED = "With the fitted plant these gains miss what the design rule reaches."
 
 MESSAGES = {
+    "implausible": "The input or the output is larger than it can be: check the units.",
     "misfit": "No plant that the simulator knows answers this input so: check units, signs, "
     "sampling time, delays between the channels and what the plant starts from.",
     "response": "At the crossover the recording responds otherwise than the fitted plant: check "
@@ -173,6 +178,7 @@ def assess(
         spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, found.covariance, J))
         solved = solved & found.converged & np.isfinite(gains).all(axis=1)
         findings = {
+            "implausible": _finding("implausible", _implausible(plant, model.u, measured)),
             **_of_figures(plant, "spread", spread, _INFORMATION),
             **_of_recordings(plant, model, found),
             **_of_figures(plant, "error", error, _MISSED),
@@ -200,7 +206,7 @@ def _of_recordings(plant: Plant, model: BlackBox, found: Fit) -> dict[str, Findi
     if plant.crossover is not None:
         colour = found.noise / (residual**2).mean(axis=1) / model.oversampled
         most = most_coloured(residual.shape[1], model.Ts, plant.crossover)
-        findings["colour"] = _finding("colour", colour, most / 2)
+        findings["colour"] = _finding("colour", colour, max(most / 2, _WHITE))
         if plant.linear:
             findings["response"] = _finding("response", _response(plant.crossover, model, found))
     return {name: findings[name] for name in MESSAGES if name in findings}
@@ -208,6 +214,13 @@ def _of_recordings(plant: Plant, model: BlackBox, found: Fit) -> dict[str, Findi
 
 def _finding(name: str, values: Array, at_most: float = np.inf) -> Finding:
     return Finding(values, min(getattr(Limits(), name), at_most), MESSAGES[name])
+
+
+def _implausible(plant: Plant, u: Array, y: Array) -> Array:
+    """Largest input or output over what can be, (B,)."""
+    largest = zip((u, y), plant.plausible, strict=True)
+    ratios = [np.abs(values).max(axis=1) / limit for values, limit in largest]
+    return np.asarray(np.max(np.broadcast_arrays(*ratios), axis=0))
 
 
 def _misfit(plant: Plant, model: BlackBox, found: Fit) -> Array:
@@ -251,5 +264,6 @@ def conformal(predicted: Array, spread: Array, actual: Array, level: float = LEV
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         scores = np.abs(actual - predicted) / spread
-    scores = np.sort(np.where(actual == predicted, 0.0, scores), axis=0)  # 0/0: it was certain
+    scores = np.where(actual == predicted, 0.0, scores)  # 0/0: it was certain
+    scores = np.sort(np.where(np.isnan(scores), np.inf, scores), axis=0)
     return np.asarray(scores[int(np.ceil((len(scores) + 1) * level)) - 1])

@@ -29,8 +29,9 @@ Array = NDArray[np.float64]
 _CANDIDATES = 48
 _SLOWEST = 0.1  # sampling time, in periods of the crossover
 _COARSEST = 10.0  # sampling time, in those of the experiment, where there is no crossover
+_TRIAL = "trial."  # begins the names of arrays that are the plant's answers
 _LONGEST = 200_000  # samples of one recording
-_ROUNDED = 1e-3  # of the largest input: as logs write it
+_ROUNDED = 1e-3  # of the largest input, or of a sampling time: as logs write it
 
 
 def slowest(plant: Plant) -> float:
@@ -70,6 +71,10 @@ class PlantTuner:
         self.black_box, self.training = black_box, training
         self.calibration = calibration or (GAUSSIAN,) * len(plant.figures)
 
+    def __repr__(self) -> str:
+        what = self.plant.entry or ", ".join(self.plant.prior)
+        return f"<PlantTuner {what}>"
+
     def gains(self, u: Array, y: Array, theta: Array | None = None) -> Array:
         """Gains (B, k) for inputs (N,), (1, N) or (B, N) and outputs (B, N); ``nan`` where none is.
 
@@ -101,8 +106,8 @@ class PlantTuner:
             Parameters that the plant calls measured to their values.
         start : {"auto", "rest", "unknown"}
             Whether the recording starts from rest without offsets, or start and offsets are
-            estimated along; found from the data if not given.  Those of a plant whose
-            responses do not add up start from rest.
+            estimated along; found from the data if not given.  Where responses do not add
+            up the data cannot say, and rest is meant.
         """
         theta = self._beside(measured or {})
         given = self._recording(u, y, Ts)
@@ -170,7 +175,8 @@ class PlantTuner:
         u = u[:1] if (u == u[:1]).all() else u
         gains = self.gains(u, batch[:, 1], theta)
         found = np.isfinite(gains).all(axis=1, keepdims=True)
-        usable = np.where(found, gains, self.plant.oracle(self.plant.middle))
+        middle = self.plant.oracle(self.plant.middle)[0]
+        usable = np.where(found, gains, middle if np.isfinite(middle).all() else self.fallback)
         return (usable if array.ndim == 3 else usable[0]), state
 
     @cached_property
@@ -181,7 +187,10 @@ class PlantTuner:
         """
         theta = sample(self.plant, _CANDIDATES)
         gains = self.plant.oracle(theta)
-        gains = gains[np.isfinite(gains).all(axis=1)]
+        right = np.isfinite(gains).all(axis=1)  # what no gains suit asks for none
+        theta, gains = theta[right], gains[right]
+        if not len(theta):
+            return np.full(len(self.plant.gains), np.nan)
         each = len(theta)
         pairs = np.repeat(gains, each, axis=0)
         earned = self.plant.reward(np.tile(theta, (len(gains), 1)), pairs)
@@ -201,7 +210,7 @@ class PlantTuner:
             "training": self.training,
             "calibration": list(self.calibration),
         }
-        trial = {f"trial.{name}": array for name, array in fingerprint.trial(self.plant).items()}
+        trial = {f"{_TRIAL}{name}": array for name, array in fingerprint.trial(self.plant).items()}
         model_file.write(path, settings, {**self.stages.learner.arrays(), **trial})
 
     def _middle(self, count: int) -> Array:
@@ -211,8 +220,10 @@ class PlantTuner:
         """Parameters (1, p) with the measured ones in their places."""
         theta, names = self._middle(1), tuple(self.plant.prior)
         for name, value in measured.items():
+            if not self.plant.measured:
+                raise ValueError(f"measured {name!r}: nothing is measured beside this plant.")
             validation.one_of("measured parameter", name, tuple(self.plant.measured))
-            theta[0, names.index(name)] = validation.number(name, value)
+            theta[0, names.index(name)] = self.plant.possible(name, value)
         for name in self.plant.measured:
             low, high = self.plant.prior[name]
             if name not in measured and low < high:
@@ -236,8 +247,7 @@ class PlantTuner:
         """One recording as it was made, checked."""
         command = validation.finite_array("u", u, shape=(None,))[None]
         output = validation.finite_array("y", y, shape=(command.shape[1],))[None]
-        if Ts is None:
-            return Recording(command, output, self.plant.Ts)
+        Ts = self.plant.Ts if Ts is None else Ts
         validation.number("Ts", Ts, above=0.0, at_most=slowest(self.plant), remedy="Slower "
                           "samples do not show what the plant does: record faster.")  # fmt: skip
         samples = output.shape[1] * Ts / self.plant.Ts
@@ -248,7 +258,7 @@ class PlantTuner:
     def _differences(self, given: Recording, used: Recording) -> tuple[str, ...]:
         """Between a recording and the experiment trained on, in words."""
         plant, u, notes = self.plant, used.u[0], []
-        if used is not given:
+        if not np.isclose(given.Ts, plant.Ts, rtol=_ROUNDED):
             notes.append(f"Ts is {given.Ts:g} s: resampled to the plant's {plant.Ts:g} s.")
         rounding = _ROUNDED * np.abs(plant.u).max()
         same = u.shape == plant.u.shape and np.allclose(u, plant.u, rtol=0, atol=rounding)
@@ -289,7 +299,8 @@ def load(path: str | os.PathLike[str], plant: Plant | None = None) -> PlantTuner
         found = plant or entry.find(settings["entry"], Path(path).parent)
     except ValueError as error:
         raise model_file.ModelFileError(f"{path} needs its plant. {error}") from None
-    answers = {n.removeprefix("trial."): a for n, a in arrays.items() if n.startswith("trial.")}
+    answers = {n.removeprefix(_TRIAL): a for n, a in arrays.items() if n.startswith(_TRIAL)}
+    learned = {name: array for name, array in arrays.items() if not name.startswith(_TRIAL)}
     if other := fingerprint.changed(found, settings["plant"], answers):
         raise model_file.ModelFileError(
             f"{path} was trained for another {found.entry or 'plant'}: since then its {other} "
@@ -297,7 +308,7 @@ def load(path: str | os.PathLike[str], plant: Plant | None = None) -> PlantTuner
         )
     return PlantTuner(
         found,
-        Stages.from_file(settings, arrays),
+        Stages.from_file(settings, learned),
         Laguerre(**{k: v for k, v in settings["black_box"].items() if k != "name"}),
         settings["training"],
         tuple(settings["calibration"]),

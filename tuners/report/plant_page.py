@@ -15,6 +15,7 @@ LONGEST_LAG = 0.05
 """In lengths of the experiment."""
 
 CHECKS = {
+    "implausible": ("Input or output over what can be", ""),
     "noise": ("Residual over simulated output", ""),
     "misfit": ("Output that no plant explains", ""),
     "response": ("Response off the fitted plant's", ""),
