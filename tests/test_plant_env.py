@@ -187,3 +187,13 @@ def test_a_bad_toml_file_is_one_line_of_error(tmp_path, toml, words):
     (tmp_path / "my.toml").write_text(toml)
     code, out, err = call("train", "--vehicle", tmp_path / "my.toml", "-o", tmp_path / "a.tuner")
     assert code == 1 and out == "" and words in err and err.count("\n") == 1
+
+
+def test_the_input_to_drive_is_written(tmp_path):
+    (tmp_path / "my.toml").write_text(f'[plant]\nentry = "{ENTRY}"\n')
+    out = tmp_path / "u.csv"
+    code, said, _ = call("excite", "--vehicle", tmp_path / "my.toml", "-o", out)
+    assert code == 0 and "10 s of valve [%]" in said
+    written = np.loadtxt(out, delimiter=",", skiprows=1)
+    np.testing.assert_allclose(written[:, 1], U)
+    np.testing.assert_allclose(np.diff(written[:, 0]), plant.Ts)

@@ -151,7 +151,9 @@ def from_file(path: str | os.PathLike[str]) -> Tuner:
     """Read a tuner that `Tuner.save` wrote."""
     settings, arrays = model_file.read(path)
     if settings.get("kind") == "plant":
-        raise model_file.ModelFileError(f"{path} is for a plant. Use tuners.plants.load.")
+        raise model_file.ModelFileError(
+            f"{path} is for a plant. Use tuners.plants.load, or the command tune."
+        )
     known: tuple[type[Tuner], ...] = (*UNTRAINED.values(), TwoStage, RLTuner)
     kinds = {cls.kind: cls for cls in known}
     try:

@@ -36,7 +36,8 @@ def train(plant: Plant, out: Path, episodes: int | None, seed: int) -> str:
         f"{name} {rms:.2g} rms (bound {least:.2g})"
         for name, rms, least in zip(plant.figures, found.rms(TUNER), bound, strict=True)
     ]
-    return f"{', '.join(words)}; {found.unstable(TUNER)} of {VALIDATION} without stable loop"
+    lost, trusted = found.unstable(TUNER), found.trusted.mean()
+    return f"{', '.join(words)}; {lost} of {VALIDATION} without stable loop; {trusted:.0%} trusted"
 
 
 def tune(
@@ -118,19 +119,26 @@ def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
 def as_text(result: PlantResult, log: PlantLog) -> str:
     """A few aligned lines."""
     rows = [(name, f"{value:.4g}") for name, value in result.gains.items()]
-    if result.trusted:
-        rows += [(name, between(interval, "")) for name, interval in result.figures.items()]
+    rows += [(name, between(interval, "")) for name, interval in result.figures.items()]
     width = max(len(name) for name, _ in rows) + 2
     lines = [described(log), "", *(f"  {name:<{width}}{value}" for name, value in rows), ""]
     if result.trusted:
         lines.append("Trusted: every check passed.")
     else:
-        lines += ["NOT TRUSTED", *(f"  - {reason}" for reason in result.reasons)]
+        lines += ["NOT TRUSTED", *(f"  - {_because(result, reason)}" for reason in result.reasons)]
         lines += ["", best(result.fallback)]
     notes = (*log.notes, *result.notes)
     if notes:
         lines += ["", "Notes", *(f"  - {note}" for note in notes)]
     return "\n".join(lines)
+
+
+def _because(result: PlantResult, reason: str) -> str:
+    """A reason, and by how much."""
+    failed = [c for c in result.checks if c.message == reason and not c.passed]
+    names = ((c.name.replace("_", " "), c.value, c.limit) for c in failed)
+    numbers = "; ".join(f"{name} {value:.3g}, at most {limit:.3g}" for name, value, limit in names)
+    return f"{reason} ({numbers})"
 
 
 def described(log: PlantLog) -> str:
