@@ -180,6 +180,14 @@ def test_units_are_doubted_where_the_plant_says_what_can_be(tuner):
     assert "larger than it can be: check the units." in result.reasons[0]
 
 
+def test_a_log_too_slow_for_what_bends_between_its_samples_is_not_trusted(tuner):
+    theta, noise = np.array([[1.3, 0.45]]), np.random.default_rng(0).standard_normal(100)
+    y = plant.respond(theta)[0, ::5] + 0.02 * noise
+    result = tuner.tune(U[::5], y, 5 * TS)
+    between = next(check for check in result.checks if check.name == "between")
+    assert not between.passed and any("record faster" in reason for reason in result.reasons)
+
+
 def test_a_vehicles_speed_need_not_be_a_car_s_to_be_doubted():
     recording = driven(1)
     fast = replace(recording, v_x=np.array([160.0]))

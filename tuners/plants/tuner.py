@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -31,12 +32,25 @@ _SLOWEST = 0.1  # sampling time, in periods of the crossover
 _COARSEST = 10.0  # sampling time, in those of the experiment, where there is no crossover
 _TRIAL = "trial."  # begins the names of arrays that are the plant's answers
 _LONGEST = 200_000  # samples of one recording
+_BENT = 0.01  # of the output's standard deviation: what a spline may miss between samples
+_TOO_SLOW = "Between the log's samples the output bends more than a curve shows: record faster."
 _ROUNDED = 1e-3  # of the largest input, or of a sampling time: as logs write it
 
 
 def slowest(plant: Plant) -> float:
     """Longest sampling time that still shows what a plant does [s]."""
     return _COARSEST * plant.Ts if plant.crossover is None else _SLOWEST / plant.crossover
+
+
+def _between(given: Recording, found: Assessment) -> Array:
+    """What a spline through a slow log's samples misses of the fitted plant's output, relative."""
+    simulated, Ts = found.fit.simulated[0], found.model.Ts
+    times = Ts * np.arange(len(simulated))
+    seen = np.interp(given.Ts * np.arange(given.y.shape[1]), times, simulated)
+    drawn = replace(given, y=seen[None]).resampled(Ts).y[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        missed = np.mean((drawn - simulated[: len(drawn)]) ** 2) / simulated.var()
+    return np.array([np.sqrt(missed)])
 
 
 class PlantTuner:
@@ -113,6 +127,8 @@ class PlantTuner:
         given = self._recording(u, y, Ts)
         used = given.resampled(self.plant.Ts)
         gains, found = self.assess(used.u, used.y, theta, start, used.oversampled)
+        if given.Ts > self.plant.Ts * (1 + _ROUNDED):
+            found = found.beside(between=Finding(_between(given, found), _BENT, _TOO_SLOW))
         checks = found.checks(0)
         return PlantResult(
             self._named(gains[0]),

@@ -16,6 +16,7 @@ LONGEST_LAG = 0.05
 
 CHECKS = {
     "implausible": ("Input or output over what can be", ""),
+    "between": ("Output that is lost between slow samples", ""),
     "noise": ("Residual over simulated output", ""),
     "misfit": ("Output that no plant explains", ""),
     "response": ("Response off the fitted plant's", ""),
