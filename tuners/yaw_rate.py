@@ -158,7 +158,13 @@ def _limits(task: Task, linear: bool) -> dict[str, tuple[float, float]]:
     """
     lightest, heaviest = (mass - task.vehicle.M_0 for mass in _MASS)
     if linear:
-        return {"mu_s": _FRICTION, "M_delta": (lightest, heaviest)}
-    low, high = task.prior.M_delta
-    spare = (high - low) / 2
-    return {"M_delta": (max(low - spare, lightest), high + spare)}
+        limits = {"mu_s": _FRICTION, "M_delta": (lightest, heaviest)}
+    else:
+        low, high = task.prior.M_delta
+        spare = (high - low) / 2
+        limits = {"M_delta": (max(low - spare, lightest), high + spare)}
+    priors = {name: getattr(task.prior, name) for name in limits}
+    return {
+        name: (min(low, priors[name][0]), max(high, priors[name][1]))
+        for name, (low, high) in limits.items()
+    }

@@ -49,7 +49,7 @@ def find(entry: str | Plant, folder: Path | None = None) -> Plant:
 
 
 def entered(plant: Plant, entry: str) -> Plant:
-    """The plant as one of that entry; `replace` would take figures filled in for given ones."""
+    """The plant as one of that entry; `replace` would try all its functions again."""
     if plant.entry == entry:
         return plant
     renamed = copy(plant)

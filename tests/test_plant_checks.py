@@ -1,0 +1,185 @@
+"""What is wrong with a plant, or with what is asked of it, is said in one line before any work."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from first_order import U, by_one, described, design, plant, simulate
+
+from tuners import plants
+from tuners.plants import Figure, snr
+from tuners.plants.names import CHECKS, check_name
+from tuners.plants.trust import MESSAGES, _of_figures
+
+
+def judge(theta, gains):
+    return gains[:, :1] + 0 * theta[:, :1]
+
+
+def raises(error):
+    def function(*arguments):
+        raise error
+
+    return function
+
+
+def measured(theta, u, keys):
+    return simulate(theta, u, None)
+
+
+def search(u, y, theta):
+    return theta, np.ones(len(theta), np.bool_)
+
+
+def one_line(words):
+    """A pattern for a message of one line that holds `words`."""
+    return rf"\A[^\n]*{words}[^\n]*\Z"
+
+
+SETTINGS = [
+    ({"search_limits": {"K": "a"}}, "search_limits K = 'a'"),
+    ({"search_limits": {"K": (3, 1)}}, "search_limits K.*low above high"),
+    ({"search_limits": {"K": (1, 2, 3)}}, "search_limits K.*a pair"),
+    ({"search_limits": {"K": np.nan}}, "search_limits K = nan"),
+    ({"search_limits": {"K": np.array(1.0)}}, "search_limits K.*a pair"),
+    ({"search_limits": {"K": (0.6, 3.0)}}, r"K = \[0.6, 3\] must contain the prior's \[0.5, 2\]"),
+    ({"search_limits": [("K", (0, 9))]}, "search_limits.*names with values"),
+    ({"u": U[:15]}, "number of samples of u = 15 must be .* at least 16"),
+    ({"u": 0 * U}, "u is zero everywhere"),
+    ({"crossover": 25.0}, "crossover = 25 must be .* below 25.*below half"),
+    ({"Ts": 10**400}, "Ts = inf"),
+    ({"Ts": np.complex128(1)}, "Ts = .*not a number"),
+    ({"black_box": 5}, "black_box = 5 .*Laguerre"),
+    ({"simulate": None}, "simulate = None cannot be called"),
+    ({"design": 1}, "design = 1 cannot be called. Give a function."),
+    ({"judge": 1, "figures": {"x": 1.0}}, "judge = 1 cannot be called.*or None"),
+    ({"excite": 1}, "excite = 1"),
+    ({"record": "a"}, "record = 'a'"),
+    ({"gray_box": 1}, "gray_box = 1"),
+    ({"linear": "no"}, "linear = 'no' must be True or False"),
+    ({"batched": 1}, "batched = 1 must be"),
+    ({"signals": "uy"}, "signals = 'uy' must be two texts"),
+    ({"signals": ("u", "y", "z")}, "must be two texts"),
+    ({"signals": ("u", 3)}, "signals' output = 3"),
+    ({"entry": None}, "entry = None"),
+    ({"gains": ("kp", 1)}, r"gains\[1\] = 1"),
+    ({"gains": ("kp", " ")}, r"gains\[1\] = ' '"),
+    ({"gains": {"kp", "Ti"}}, "must be names"),
+    ({"prior": {1: (0.5, 2.0), "T": (0.2, 1.0)}}, "prior's parameter = 1"),
+    ({"coordinates": np.log}, "coordinates = .*plants.LOG"),
+    ({"coordinates": plants.Coordinates(None, np.exp)}, "coordinates.encode = None"),
+    ({"measured": ("K",)}, "measured = .*names with values"),
+    ({"measured": {"K": "a"}}, "measured K = 'a' is not a number"),
+    ({"figures": ("x",), "judge": judge}, "figures = .*names with values"),
+    ({"figures": {"x": "a"}, "judge": judge}, "figure x = 'a' is not a number"),
+    ({"figures": {"": 1.0}, "judge": judge}, "figures' name = ''"),
+    ({"noise": lambda y: -np.ones(len(y))}, "noise's least answer = -1"),
+    ({"noise": None}, "noise = None"),
+]
+
+NAMES = [
+    ({"gains": ("kp", "kp")}, "'kp' is the name of a gain and of a gain"),
+    ({"gains": ("kp", "K")}, "'K' is the name of a gain and of a parameter"),
+    ({"gains": ("kp", "stable")}, "'stable' is the name of a gain and of a word"),
+    ({"gains": ("kp", "oracle_kp")}, "begin with oracle_"),
+    ({"figures": {"kp": 1.0}, "judge": judge}, "'kp' is the name of a figure and of a gain"),
+    ({"figures": {"clipped": 1.0}, "judge": judge}, "'clipped' is the name"),
+    ({"figures": {"a [x]": 1.0, "a [y]": 1.0}, "judge": judge}, "check 'a_error', as has 'a \\[x"),
+    ({"figures": {"a b": 1.0, "a_b": 1.0}, "judge": judge}, "check 'a_b_error'"),
+    (
+        {"prior": {"noise": (0.5, 2.0), "T": (0.2, 1.0)}, "measured": {"noise": 0.0}},
+        "measured 'noise' is the name of a check too",
+    ),
+]
+
+ANSWERS = [
+    ({"simulate": raises(ZeroDivisionError("by zero"))}, "simulate .*ZeroDivisionError: by zero"),
+    ({"design": raises(KeyError("J"))}, "design failed in the middle of the prior: KeyError: 'J'"),
+    ({"noise": raises(TypeError("no"))}, "noise failed in the middle .*TypeError: no"),
+    ({"excite": raises(OSError("no"))}, "excite failed in the middle .*OSError: no"),
+    ({"record": raises(IndexError("no"))}, "record failed in the middle .*IndexError: no"),
+    ({"gray_box": raises(ValueError("no"))}, "gray_box failed in the middle .*ValueError: no"),
+    ({"coordinates": plants.Coordinates(raises(TypeError("a\nb")), np.exp)}, "TypeError: a b"),
+    (
+        {"judge": raises(AssertionError()), "figures": {"x": 1.0}},
+        "judge failed in the middle of the prior: AssertionError",
+    ),
+    ({"simulate": lambda *a: simulate(*a) + 0j}, "simulate's answer .*of complex128"),
+    ({"simulate": lambda *a: simulate(*a) > 0}, "simulate's answer .*of bool"),
+    ({"design": lambda t: design(t).astype(str)}, "design's answer .*of <U"),
+    ({"design": lambda t: np.ma.masked_less(design(t), 9e9)}, "design's answer has 4 masked"),
+    (
+        {
+            "batched": False,
+            "design": by_one(lambda t: np.ma.masked_less(design(t), 9e9)),
+            "simulate": by_one(simulate),
+        },
+        "design's answer has 2 masked",
+    ),
+    ({"noise": lambda y: "a"}, "noise's answer"),
+    ({"record": lambda t, u, keys: simulate(t, u, None)[:1]}, "record in the prior's middle has"),
+    ({"record": lambda *a: measured(*a) * np.nan}, "record in the prior's middle has nan"),
+    ({"record": lambda *a: measured(*a) + 0j}, "record in the prior's middle .*complex"),
+    ({"gray_box": lambda u, y, theta: theta}, "gray_box gave a ndarray"),
+    ({"gray_box": lambda u, y, theta: (theta[:1], True)}, "gray_box in the prior's middle"),
+    ({"gray_box": lambda u, y, theta: (theta * np.inf, True)}, "gray_box in the prior's middle"),
+    ({"gray_box": lambda u, y, theta: (theta, True)}, r"convergence of shape \(\) and bool"),
+]
+
+
+@pytest.mark.parametrize("change, words", SETTINGS + NAMES + ANSWERS)
+def test_a_bad_description_is_refused_in_one_line(change, words):
+    with pytest.raises(ValueError, match=one_line(words)):
+        described(**change)
+
+
+def test_what_a_function_raised_is_kept():
+    error = ZeroDivisionError("by zero")
+    with pytest.raises(ValueError) as found:
+        described(simulate=raises(error))
+    assert found.value.__cause__ is error
+
+
+def test_what_is_good_is_still_described():
+    good = described(
+        search_limits={"K": (0.5, 2), "T": [0.1, 3]},
+        gains=["kp", "Ti"],
+        signals=["u", "y"],
+        linear=np.True_,
+        crossover=24.9,
+        record=measured,
+        gray_box=search,
+        figures={"a [x]": Figure(1), "b [x]": 2},
+        judge=lambda theta, gains: gains,
+    )
+    assert good.gains == ("kp", "Ti") and good.signals == ("u", "y") and good.linear is True
+    assert good.limits[0].tolist() == [0.5, 0.1]
+
+
+@pytest.mark.parametrize(
+    "call, words",
+    [
+        (lambda: Figure("a"), "scale = 'a' is not a number"),
+        (lambda: Figure(1, error=None), "error = None is not a number"),
+        (lambda: Figure(1, spread=True), "spread = True is not a number"),
+        (lambda: snr(-7000), "snr = -7000 must be .* at least -400"),
+    ],
+)
+def test_numbers_that_are_none(call, words):
+    with pytest.raises(ValueError, match=one_line(words)):
+        call()
+
+
+def test_checks_are_called_as_trust_calls_them():
+    assert set(CHECKS) == set(MESSAGES)
+    names = list(_of_figures(plant, "error", np.zeros((1, 2)), ""))
+    assert names == [check_name(name, "error") for name in plant.figures]
+
+
+def test_a_description_without_a_judge_can_be_replaced():
+    assert replace(plant, noise=0.1).figures == plant.figures
+    renamed = replace(plant, gains=("a", "b"))
+    assert tuple(renamed.figures) == ("relative error of a", "relative error of b")
+    with pytest.raises(ValueError, match="belong together"):
+        replace(plant, judge=judge)
+    assert replace(plant, judge=judge, figures={"x": 1.0}).figures == {"x": Figure(1.0)}
