@@ -2,14 +2,22 @@
 
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 import pytest
 from first_order import U, by_one, described, design, plant, simulate
 
-from tuners import plants
+import yawrate_env
+from tuners import data, plants
+from tuners.compressors.laguerre import Laguerre
+from tuners.learners.feedforward import FeedForwardSettings
 from tuners.plants import Figure, snr
 from tuners.plants.names import CHECKS, check_name
 from tuners.plants.trust import MESSAGES, _of_figures
+from tuners.stages import Recipe
+from yawrate_env.task import Task
+
+QUICK = Recipe(Laguerre(6, 2.0), FeedForwardSettings(neurons=4, epochs=5))
 
 
 def judge(theta, gains):
@@ -183,3 +191,80 @@ def test_a_description_without_a_judge_can_be_replaced():
     with pytest.raises(ValueError, match="belong together"):
         replace(plant, judge=judge)
     assert replace(plant, judge=judge, figures={"x": 1.0}).figures == {"x": Figure(1.0)}
+
+
+def nothing(theta):
+    return np.full((len(theta), 2), np.nan)
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda plant: gymnasium.make(yawrate_env.PLANT_ID, plant=plant),
+        lambda plant: plants.train(plant),
+    ],
+    ids=["environment", "training"],
+)
+def test_a_design_without_any_gains_is_said_before_any_work(use):
+    with pytest.raises(ValueError, match=one_line("no gains for any of 256 plants")):
+        use(described(design=nothing))
+
+
+@pytest.mark.parametrize(
+    "call, words",
+    [
+        (lambda: plants.train(Task()), "Use tuners.train"),
+        (lambda: plants.train(5), "plant = 5 is neither"),
+        (lambda: plants.train("nowhere:plant"), "no module 'nowhere'"),
+        (lambda: plants.train(plant, "ts-ff"), "recipe = 'ts-ff' is not of type Recipe"),
+        (lambda: plants.train(plant, 0), "recipe = 0 is not of type Recipe"),
+        (lambda: data.train_plant("no-folder", "ts-ff"), "recipe = 'ts-ff'"),
+        (lambda: data.train_plant("no-folder", plant=Task()), "plant is a Task"),
+        (lambda: replace(QUICK, noise_draws=0), "noise_draws = 0 must be .* at least 1"),
+        (lambda: replace(QUICK, vehicles=0.5), "vehicles = 0.5"),
+        (lambda: replace(QUICK, compressor=None), "compressor = None is no first stage"),
+    ],
+)
+def test_what_cannot_be_trained_is_refused(call, words):
+    with pytest.raises(ValueError, match=one_line(words)):
+        call()
+
+
+def test_a_plant_is_trained_by_its_entry_and_predicts_nothing_for_nothing():
+    tuner = plants.train("first_order:plant", QUICK, count=50, calibration=0)
+    assert tuner.plant is plant
+    actions, state = tuner.predict(np.empty((0, 2, len(U))), 1)
+    assert actions.shape == (0, 2) and state == 1
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"contexts": "nowhere"}, "context = 'nowhere' is unknown"),
+        ({"contexts": None}, "contexts = None is not of type ContextSet"),
+        ({"compressor": None}, "compressor = None is no first stage"),
+        ({"compressor": Laguerre(60, 2.0)}, "500 samples are too few for 60"),
+        ({"scheduler": "tcp://127.0.0.1:9", "workers": 2}, "scheduler 'tcp://127.0.0.1:9'"),
+    ],
+)
+def test_a_data_set_that_cannot_be_begun_leaves_nothing(change, words, tmp_path, monkeypatch):
+    monkeypatch.setattr("tuners.data.workers._SECONDS", 1)
+    settings = {"contexts": "train", "compressor": QUICK.compressor} | change
+    with pytest.raises(ValueError, match=words):
+        data.generate(plant, episodes=20, seed=0, out=tmp_path / "a" / "b", **settings)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_start_that_fails_leaves_what_was_there(tmp_path, monkeypatch):
+    (tmp_path / "mine").mkdir()
+    monkeypatch.setattr("tuners.data.workers.results", raises(KeyboardInterrupt()))
+    with pytest.raises(KeyboardInterrupt):
+        data.generate(plant, "train", QUICK.compressor, 20, 0, tmp_path / "mine")
+    assert (tmp_path / "mine").is_dir() and not list((tmp_path / "mine").iterdir())
+    monkeypatch.undo()
+    folder = data.generate(plant, "train", QUICK.compressor, 20, 0, tmp_path / "mine", workers=1)
+    before = sorted(path.name for path in folder.path.iterdir())
+    monkeypatch.setattr("tuners.data.generation._begun", raises(OSError("no")))
+    with pytest.raises(data.DatasetError):
+        data.generate(plant, "train", QUICK.compressor, 20, 0, tmp_path / "mine")
+    assert sorted(path.name for path in folder.path.iterdir()) == before
