@@ -1,11 +1,13 @@
 """What is wrong with a plant, or with what is asked of it, is said in one line before any work."""
 
+import sys
 from dataclasses import replace
 
 import gymnasium
 import numpy as np
 import pytest
 from first_order import U, by_one, described, design, plant, simulate
+from test_cli import UNUSABLE, refused
 
 import yawrate_env
 from tuners import data, plants
@@ -268,3 +270,49 @@ def test_a_start_that_fails_leaves_what_was_there(tmp_path, monkeypatch):
     with pytest.raises(data.DatasetError):
         data.generate(plant, "train", QUICK.compressor, 20, 0, tmp_path / "mine")
     assert sorted(path.name for path in folder.path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "code, words",
+    [
+        ("plant = (", "SyntaxError"),
+        ("1 / 0", "ZeroDivisionError: division by zero"),
+        ("import sys\nsys.exit(3)", "SystemExit: 3"),
+        ("import nowhere_at_all", "ModuleNotFoundError: No module named 'nowhere_at_all'"),
+        ("from first_order import described\nplant = described(Ts=0.0)", "ValueError: Ts = 0"),
+        ("raise ValueError('a\\nb')", "ValueError: a b"),
+    ],
+)
+@pytest.mark.parametrize("command", ["train -o a.tuner", "dataset --out data --episodes 20"])
+def test_a_module_that_cannot_be_imported_is_one_line(code, words, command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    sys.modules.pop("my_plant", None)
+    (tmp_path / "my_plant.py").write_text(code)
+    (tmp_path / "my.toml").write_text('[plant]\nentry = "my_plant:plant"\n')
+    line = refused(UNUSABLE, *command.split(), "--vehicle", "my.toml")
+    assert line.startswith("error: my.toml: importing my_plant failed: ") and words in line
+    assert "my_plant" not in sys.modules
+
+
+FAILING = """
+import first_order
+
+def simulate(theta, u, rng):
+    if len(theta) > 2:
+        raise RuntimeError("valve stuck")
+    return first_order.simulate(theta, u, rng)
+
+plant = first_order.described(simulate=simulate, entry="failing_plant:plant")
+"""
+
+
+@pytest.mark.parametrize(
+    "command", ["train -o a.tuner", "dataset --out data --episodes 20 --workers 1"]
+)
+def test_a_simulator_that_fails_in_the_end_is_one_line(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "failing_plant.py").write_text(FAILING)
+    (tmp_path / "my.toml").write_text('[plant]\nentry = "failing_plant:plant"\n')
+    line = refused(UNUSABLE, *command.split(), "--vehicle", "my.toml")
+    assert line == "error: simulate failed: RuntimeError: valve stuck\n"
+    sys.modules.pop("failing_plant")
