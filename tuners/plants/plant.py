@@ -231,7 +231,10 @@ class Plant:
     def sigma(self, clean: Array) -> Array:
         """Standard deviations of the measurement noise, (B,)."""
         value = called("noise", self.noise, clean) if callable(self.noise) else self.noise
-        return np.broadcast_to(validation.float_array("noise's answer", value), len(clean))
+        sigma = validation.float_array("noise's answer", value)
+        if sigma.shape not in ((), (1,), (len(clean),)):
+            raise ValueError(f"noise gave shape {sigma.shape}, wanted {(len(clean),)}.")
+        return np.broadcast_to(sigma, len(clean))
 
     def oracle(self, theta: Array) -> Array:
         """Gains (B, k) of the design rule that knows the parameters."""

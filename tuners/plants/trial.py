@@ -29,8 +29,15 @@ def check_functions(plant: "Plant") -> None:
         _tried(plant, "record", lambda: plant.measure(theta, u, _KEYS), len(plant.u))
     if plant.gray_box is not None:
         _check_search(plant, theta, y)
-    gains = _tried(plant, "design", lambda: np.nan_to_num(plant.oracle(theta)), len(plant.gains))
-    if np.isnan(plant.oracle(theta)).any():  # there are none for the plant in the middle
+    none: list[bool] = []  # whether there are none for the plant in the middle
+
+    def designed() -> Array:
+        gains = plant.oracle(theta)
+        none.append(bool(np.isnan(gains).any()))
+        return np.where(np.isnan(gains), 0.0, gains)
+
+    gains = _tried(plant, "design", designed, len(plant.gains))
+    if none[0]:
         return
     _check_coordinates(plant, gains)
     _tried(plant, "judge", lambda: plant.judged(theta, gains), len(plant.figures))
@@ -74,12 +81,13 @@ def _check_search(plant: "Plant", theta: Array, y: Array) -> None:
 
 def _check_coordinates(plant: "Plant", gains: Array) -> None:
     encoded = np.asarray(_said_where(*_named("encode", plant, gains)))
-    decoded = np.asarray(_said_where(*_named("decode", plant, encoded)))
+    decoded = _said_where(*_named("decode", plant, encoded))
+    decoded = validation.float_array("coordinates.decode's answer", decoded)
     if decoded.shape != gains.shape or not np.allclose(decoded, gains, rtol=1e-6):
+        first = decoded.ravel()[: gains.shape[1]]
         raise ValueError(
-            f"gains {gains[0]} do not survive coordinates' encode and decode, which give "
-            f"{decoded[:1].ravel()}. The default is for positive gains: give coordinates of your "
-            "own."
+            f"gains {gains[0]} do not survive coordinates' encode and decode, which give {first}. "
+            "The default is for positive gains: give coordinates of your own."
         )
 
 
@@ -102,8 +110,8 @@ def _said_where(name: str, call: Callable[..., Any], *arguments: Any, hint: str 
     try:
         return call(*arguments)
     except ValueError as error:
-        own = error.__cause__ is None  # of a check, which says all there is to say
-        detail = str(error) if own else said(error.__cause__)  # type: ignore[arg-type]
-        raise ValueError(f"{where}: {detail}{hint}") from error.__cause__ or error
+        cause = error.__cause__  # None of a check, which says all there is to say
+        detail = str(error).removesuffix(".") if cause is None else said(cause)
+        raise ValueError(f"{where}: {detail}.{hint}") from cause or error
     except Exception as error:
-        raise ValueError(f"{where}: {said(error)}{hint}") from error
+        raise ValueError(f"{where}: {said(error)}.{hint}") from error
