@@ -260,7 +260,7 @@ def test_a_plant_that_changed_since_is_refused(what, begun, whole, monkeypatch):
 
 
 def test_what_no_row_follows_from_may_change(begun, undisturbed, monkeypatch):
-    now = described(signals=("valve", "flow"), figures={"kp": 1.0}, judge=lambda t, g: g[:, :1])
+    now = described(signals=("valve", "flow"), figures={"gain": 1.0}, judge=lambda t, g: g[:, :1])
     monkeypatch.setattr(first_order, "plant", now)
     made(begun, now)
     assert contents(begun) == undisturbed
@@ -306,7 +306,7 @@ def test_a_missing_module_is_refused(own_module):
         ({"entry": ""}, 'A data set must find its plant again.*entry="my_plant:plant"'),
         ({"entry": "gone:plant"}, "no module 'gone'"),
         ({"noise": 0.5}, "not of the first_order:plant that is found here: the plant's noise"),
-        ({"gains": ("K", "Ti")}, "'K' would be the name of two columns. Rename"),
+        ({"gains": ("u", "Ti")}, "'u' would be the name of two columns"),
         ({"gains": ("kp", "response_1")}, "'response_1' would be the name"),
         ({"prior": {"K": (0.5, 2.0), "y": (0.2, 1.0)}}, "'y' would be"),
     ],

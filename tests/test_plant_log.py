@@ -3,6 +3,7 @@
 import json
 import re
 
+import first_order
 import numpy as np
 import pytest
 from first_order import SIGMA, TAU, TS, U, gauged
@@ -367,3 +368,46 @@ def test_a_report_is_written(written, tuner, tmp_path):
     assert "would be written over" in refused(
         WRONG, "tune", path, "--tuner", tuner, "--report", path
     )
+
+
+# A plant whose responses do not add up starts where its log does
+
+
+def read(path, **options):
+    return read_log(path, first_order.plant, PlantOptions(**options))
+
+
+def test_a_nonlinear_plant_is_used_from_its_start_to_the_first_gap(written):
+    log = read(written(rows=np.r_[0:200, 240 : len(U)]))
+    assert (log.t0, len(log.u)) == (0.0, 200)
+    assert any("A gap of 0.82 s" in n and "the part before it is used" in n for n in log.notes)
+    np.testing.assert_allclose(log.y, Y[:200], atol=1e-6)
+    whole = read(written())
+    assert len(whole.u) == len(U) and whole.notes == ()
+
+
+@pytest.mark.parametrize(
+    "rows, options, words",
+    [
+        (np.r_[0:20, 60 : len(U)], {}, "0.38 s before it are too short: at least 3 s .* --from"),
+        (np.r_[0:20, 60 : len(U)], {"start": 0.0}, "0.38 s before it are too short"),
+        (np.r_[0:20, 60 : len(U)], {"stop": 9.0}, "0.38 s before it are too short"),
+        (slice(None), {"start": 30.0}, "Nothing between 30"),
+    ],
+)
+def test_never_in_mid_drive(written, rows, options, words):
+    with pytest.raises(ValueError, match=words):
+        read(written(rows=rows), **options)
+
+
+def test_a_start_is_the_users_to_choose(written):
+    log = read(written(rows=np.r_[0:20, 60 : len(U)]), start=1.2)
+    assert log.t0 == pytest.approx(1.2) and len(log.u) == len(U) - 60
+
+
+def test_a_first_row_without_a_number_is_no_start(written):
+    y = Y.copy()
+    y[0] = np.nan
+    with pytest.raises(logs.LogError, match="first row lacks a number.*--from"):
+        read(written(flow=y))
+    assert read(written(flow=y), start=0.02).t0 == pytest.approx(0.02)

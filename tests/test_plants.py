@@ -160,7 +160,7 @@ def test_rewards_grade_and_unstable_loops_earn_least():
     # 30 % of one gain count as one, which earns -1/(1 + 1/4).
     assert plant.reward(theta, right * [1.3, 1.0]) == pytest.approx(-0.8 * np.ones(4))
     assert (plant.reward(theta, right * np.nan) == -5).all()
-    own = described(judge=judged_undefined, figures={"kp": 1.0}, design=lambda t: 0.5 + 0 * t)
+    own = described(judge=judged_undefined, figures={"gain": 1.0}, design=lambda t: 0.5 + 0 * t)
     earned = own.reward(theta[:3], np.array([[2.0, 1.0], [0.5, 1.0], [np.nan, 1.0]]))
     np.testing.assert_array_equal(earned, [-4, 0, -5])
 

@@ -7,8 +7,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.compressors import FirstStage, compressor, described
+from tuners.compressors import FirstStage, check, compressor, described
 from tuners.learners import LEARNERS, Learner, Settings
+from yawrate_env import validation
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -43,6 +44,18 @@ class Recipe:
     noise_draws: int = 1
     vehicles: int = 1500
     v_x: tuple[float, float] = (20.0, 20.0)
+
+    def __post_init__(self) -> None:
+        validation.count("noise_draws", self.noise_draws, remedy="Record every plant once or more.")
+        validation.count("vehicles", self.vehicles, remedy="Simulate some.")
+        check(self.compressor)
+
+
+def checked(recipe: Recipe) -> Recipe:
+    """The recipe itself, or ``ValueError``."""
+    remedy = "Give a tuners.Recipe, or one of tuners.RECIPES."
+    validation.instance("recipe", recipe, Recipe, remedy=remedy)
+    return recipe
 
 
 @dataclass(frozen=True, slots=True)

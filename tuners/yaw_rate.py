@@ -169,13 +169,20 @@ class Vehicles:
 
         The compiled search goes anywhere that foreign recordings send it.
         """
+        prior = self.task.prior
         lightest, heaviest = (mass - self.task.vehicle.M_0 for mass in _MASS)
-        speed = min(self.task.prior.v_x[0], _SLOWEST), LARGEST["v_x"]
+        limits = {"M_delta": (lightest, heaviest), "v_x": (_SLOWEST, LARGEST["v_x"])}
         if self.linear:
-            return {"mu_s": _FRICTION, "M_delta": (lightest, heaviest), "v_x": speed}
-        low, high = self.task.prior.M_delta
-        spare = (high - low) / 2
-        return {"M_delta": (max(low - spare, lightest), high + spare), "v_x": speed}
+            limits["mu_s"] = _FRICTION
+        else:
+            low, high = prior.M_delta
+            spare = (high - low) / 2
+            limits["M_delta"] = (max(low - spare, lightest), high + spare)
+        ranges = {name: getattr(prior, name) for name in limits}
+        return {
+            name: (min(low, ranges[name][0]), max(high, ranges[name][1]))
+            for name, (low, high) in limits.items()
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)

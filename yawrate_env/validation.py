@@ -14,6 +14,7 @@ def number(
     *,
     above: float = -math.inf,
     at_least: float = -math.inf,
+    below: float = math.inf,
     at_most: float = math.inf,
     remedy: str = "",
 ) -> float:
@@ -25,20 +26,23 @@ def number(
         What the caller calls the value.
     value : float
         The value to check.
-    above : float
-        Exclusive lower bound.
+    above, below : float
+        Exclusive bounds.
     at_least, at_most : float
         Inclusive bounds.
     remedy : str
         What the caller should do instead, a sentence.
     """
-    if isinstance(value, bool) or not isinstance(value, Real | np.number):
+    if isinstance(value, bool) or not isinstance(value, Real):
         raise ValueError(f"{name} = {value!r} is not a number. {remedy}".strip())
-    result = float(value)
-    if not (math.isfinite(result) and result > above and at_least <= result <= at_most):
-        raise ValueError(
-            f"{name} = {result:g} must be {_bound(above, at_least, at_most)}. {remedy}"
-        )
+    try:
+        result = float(value)
+    except OverflowError:
+        result = math.inf
+    within = above < result < below and at_least <= result <= at_most
+    if not (math.isfinite(result) and within):
+        bound = _bound(above, at_least, below, at_most)
+        raise ValueError(f"{name} = {result:g} must be {bound}. {remedy}".strip())
     return result
 
 
@@ -71,10 +75,11 @@ def like(
 
 def interval(name: str, value: Any) -> tuple[float, float]:
     """Return ``(low, high)`` from a number (a point) or a pair, or raise ``ValueError``."""
-    if isinstance(value, Real | np.number):
+    if isinstance(value, Real):
         point = number(name, value)
         return point, point
-    if not isinstance(value, list | tuple | np.ndarray) or len(value) != 2:
+    pair = isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim == 1)
+    if not pair or len(value) != 2:
         raise ValueError(f"{name} = {value!r} must be a number or a pair [low, high].")
     low, high = (number(f"{name}[{i}]", v) for i, v in enumerate(value))
     if low > high:
@@ -87,6 +92,34 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
     if value not in choices:
         raise ValueError(f"{name} = {value!r} is unknown. Choose one of {', '.join(choices)}.")
     return str(value)
+
+
+def text(name: str, value: Any, *, remedy: str = "") -> str:
+    """Return `value` if it is a text that is not blank, or raise ``ValueError``."""
+    if not isinstance(value, str) or not value.strip():
+        raise ValueError(f"{name} = {value!r} must be a text that is not empty. {remedy}".strip())
+    return value
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return `value` if it is True or False, or raise ``ValueError``."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} = {value!r} must be True or False.")
+    return bool(value)
+
+
+def instance(name: str, value: Any, kind: type, *, remedy: str) -> None:
+    """Raise ``ValueError`` where `value` is not of that type."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{name} = {value!r} is not of type {kind.__name__}. {remedy}")
+
+
+def function(name: str, value: Any, *, optional: bool = False) -> None:
+    """Raise ``ValueError`` where `value` cannot be called; None may stand for an optional one."""
+    if not (callable(value) or (optional and value is None)):
+        raise ValueError(
+            f"{name} = {value!r} cannot be called. Give a function{', or None' * optional}."
+        )
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
@@ -109,15 +142,20 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
     return array
 
 
+def float_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return `value` as float64, or raise where that would lose or invent something."""
+    real = real_array(name, value)
+    try:
+        return np.asarray(real, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} is not an array of numbers.") from None
+
+
 def finite_array(
     name: str, value: ArrayLike, *, shape: tuple[int | None, ...]
 ) -> NDArray[np.float64]:
     """Return `value` as a finite float64 array of `shape` (``None``: any), or raise."""
-    real = real_array(name, value)
-    try:
-        array = np.asarray(real, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} is not an array of numbers.") from None
+    array = float_array(name, value)
     fits = array.ndim == len(shape) and all(
         want is None or want == have for want, have in zip(shape, array.shape, strict=True)
     )
@@ -133,12 +171,14 @@ def finite_array(
     return array
 
 
-def _bound(above: float, at_least: float, at_most: float) -> str:
+def _bound(above: float, at_least: float, below: float, at_most: float) -> str:
     parts = ["finite"]
     if above > -math.inf:
         parts.append(f"above {above:g}")
     if at_least > -math.inf:
         parts.append(f"at least {at_least:g}")
+    if below < math.inf:
+        parts.append(f"below {below:g}")
     if at_most < math.inf:
         parts.append(f"at most {at_most:g}")
     return ", ".join(parts)

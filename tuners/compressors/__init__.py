@@ -38,6 +38,15 @@ def compressor(name: str, **settings: Any) -> FirstStage:
         raise ValueError(f"compressor {name!r}: {error}.") from None
 
 
+def check(stage: Any) -> None:
+    """``ValueError`` for what is no first stage."""
+    if not isinstance(stage, FirstStage):
+        raise ValueError(
+            f"compressor = {stage!r} is no first stage. Give an Armax, a Laguerre or a "
+            "FrequencyResponse."
+        )
+
+
 def described(stage: FirstStage) -> dict[str, Any]:
     """Name and settings: what `compressor` takes, as plain JSON values."""
     names = {kind: name for name, kind in COMPRESSORS.items()}

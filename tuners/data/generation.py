@@ -10,10 +10,12 @@ import fcntl
 import hashlib
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from tuners.compressors import FirstStage
 from tuners.data import manifest, shards
@@ -23,7 +25,7 @@ from tuners.data.manifest import Configuration, DatasetError, Manifest, Shard
 from tuners.plants.plant import Plant
 from yawrate_env import validation
 from yawrate_env.compiled import cores
-from yawrate_env.contexts import ContextSet
+from yawrate_env.contexts import ContextSet, context_set
 from yawrate_env.files import leftovers, replacing
 from yawrate_env.task import Task
 
@@ -41,7 +43,7 @@ _REMEDIES = {
 
 def generate(
     what: Task | Plant,
-    contexts: ContextSet,
+    contexts: ContextSet | str,
     compressor: FirstStage,
     episodes: int,
     seed: int,
@@ -63,8 +65,8 @@ def generate(
     ----------
     what : Task or Plant
         Whose episodes.  Workers and readers find a plant again by its `entry`.
-    contexts : ContextSet
-        Which family of them, of `yawrate_env.contexts.CONTEXT_SETS`.
+    contexts : ContextSet or str
+        Which family of them, of `yawrate_env.contexts.CONTEXT_SETS`, or its name.
     compressor : Armax, Laguerre or FrequencyResponse
         What makes features of recordings.
     out : path
@@ -85,13 +87,16 @@ def generate(
     Raises
     ------
     DatasetError
-        The folder cannot be written or resumed.  What was finished stays.
+        The folder cannot be written or resumed.  What was finished stays; a start that
+        finished nothing leaves nothing.
     """
     count = cores() if workers is None else validation.count("workers", workers)
     episodes = validation.count("episodes", episodes)
     if shard_size is None:
         shard_size = manifest.shard_size(episodes, raw)
-    recipe = Configuration(what, contexts, compressor, seed, episodes, shard_size, raw)
+    family = context_set(contexts) if isinstance(contexts, str) else contexts
+    recipe = Configuration(what, family, compressor, seed, episodes, shard_size, raw)
+    _check_compressor(recipe)
     folder = Path(out)
     Configuration.from_json(recipe.to_json(), folder.parent)  # as all workers will
     with _owned(folder):
@@ -110,6 +115,14 @@ def generate(
             if progress is not None:
                 progress("simulating", done, episodes)
     return Folder(folder, what if isinstance(what, Plant) else None)
+
+
+def _check_compressor(recipe: Configuration) -> None:
+    """``ValueError`` where the first stage cannot work on recordings of that length."""
+    plant = recipe.plant()
+    y = plant.respond(plant.middle)
+    with np.errstate(all="ignore"):
+        recipe.compressor(plant.u[None], y, plant.Ts)
 
 
 def _begun(
@@ -156,7 +169,9 @@ def _owned(folder: Path) -> Iterator[None]:
     with _explained(folder):
         if folder.exists() and not folder.is_dir():
             raise DatasetError(f"{folder} is a file. Name a folder.")
+        made = [place for place in (folder, *folder.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
+        empty = not any(folder.iterdir())
         handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -167,8 +182,21 @@ def _owned(folder: Path) -> Iterator[None]:
         pass  # a network file system without locks
     try:
         yield
+    except BaseException:
+        if empty:
+            _undo(folder, made)
+        raise
     finally:
         os.close(handle)
+
+
+def _undo(folder: Path, made: list[Path]) -> None:
+    """Leave no trace of a start that finished no shard."""
+    if {path.name for path in folder.iterdir()} <= {manifest.FILE}:
+        (folder / manifest.FILE).unlink(missing_ok=True)
+        with suppress(OSError):  # somebody else's by now
+            for place in made:
+                place.rmdir()
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
-from tuners.compressors import FirstStage, compressor, described
+from tuners.compressors import FirstStage, check, compressor, described
 from tuners.data.subject import Subject, subject_of
 from tuners.plants import entry
 from tuners.plants.fingerprint import alike
@@ -79,6 +79,9 @@ class Configuration:
         for name, least in (("seed", 0), ("episodes", 1), ("shard_size", 1)):
             value = validation.count(name, getattr(self, name), at_least=least)
             object.__setattr__(self, name, value)
+        remedy = "Give one of yawrate_env.contexts.CONTEXT_SETS."
+        validation.instance("contexts", self.contexts, ContextSet, remedy=remedy)
+        check(self.compressor)
         self.subject.check(self.contexts)
 
     @property

@@ -13,9 +13,15 @@ from tuners.data.folder import Folder, check
 from tuners.data.manifest import DatasetError
 from tuners.plants.coordinates import Coordinates
 from tuners.plants.plant import Plant
-from tuners.plants.training import CALIBRATION, check_calibration, finished, recipe_for
+from tuners.plants.training import (
+    CALIBRATION,
+    check_calibration,
+    described,
+    finished,
+    recipe_for,
+)
 from tuners.plants.tuner import PlantTuner
-from tuners.stages import LEAST_USABLE, Recipe, Stages, trains
+from tuners.stages import LEAST_USABLE, Recipe, Stages, checked, trains
 from tuners.two_stage import TwoStage
 from tuners.yaw_rate import yaw_rate
 from yawrate_env import validation
@@ -62,7 +68,7 @@ def train_plant(
     dataset: str | os.PathLike[str],
     recipe: Recipe | None = None,
     *,
-    plant: Plant | None = None,
+    plant: Plant | str | None = None,
     seed: int = TRAINING_SEED,
     calibration: int = CALIBRATION,
     progress: Progress | None = None,
@@ -78,8 +84,8 @@ def train_plant(
         The folder.
     recipe : Recipe, optional
         Its compressor must be the folder's; by default that, and `recipe_for`'s learner.
-    plant : Plant, optional
-        As for `Folder`.
+    plant : Plant or str, optional
+        As for `Folder`, or where it is found.
     seed : int
         Of the split, the learner and the calibration; 80 % of the plants train.
     calibration : int
@@ -89,7 +95,9 @@ def train_plant(
     """
     validation.count("seed", seed, at_least=0)
     check_calibration(calibration)
-    folder = Folder(dataset, plant)
+    if recipe is not None:
+        checked(recipe)
+    folder = Folder(dataset, None if plant is None else described(plant))
     found = folder.recipe.what
     if not isinstance(found, Plant):
         raise DatasetError(f"{dataset} holds vehicles. Use tuners.data.train.")

@@ -29,6 +29,8 @@ class Plan:
         Sampling time [s], where no time column is to be used.
     pace : Pace
         Sampling times that make sense.
+    begin : float or None
+        Time of which only what begins with the first row from then on can be used [s].
     """
 
     clock: str
@@ -37,6 +39,7 @@ class Plan:
     slow: tuple[str, ...] = ()
     Ts: float | None = None
     pace: Pace = Pace()
+    begin: float | None = None
 
 
 def sampled(found: dict[str, Quantity], plan: Plan) -> tuple[TimeBase, dict[str, Array], list[str]]:
@@ -50,16 +53,30 @@ def sampled(found: dict[str, Quantity], plan: Plan) -> tuple[TimeBase, dict[str,
         listed = ", ".join(f"{name} {size}" for name, size in sizes.items())
         raise LogError(f"The columns have different lengths: {listed}.")
     values |= {role: _filled(values[role]) for role in plan.slow if role in values}
-    complete = (np.abs([time, *values.values()]) < _NONSENSE).all(axis=0)
+    if plan.begin is not None:
+        time, values = _from(plan.begin, time, values)
+    complete = np.asarray((np.abs([time, *values.values()]) < _NONSENSE).all(axis=0))
     lost = len(time) - int(complete.sum())
     words = [f"Rows without a number somewhere were left out: {lost}."] if lost else []
+    if plan.begin is not None and not complete[:1].all():
+        raise LogError(
+            "The first row lacks a number, and the recording must begin where the plant starts. "
+            "Repair it, or choose a stretch that begins with a start with --from."
+        )
     time = time[complete]
-    base = time_base(time, plan.least, plan.pace)
+    base = time_base(time, plan.least, plan.pace, plan.begin is not None)
     on_grid = {}
     for role, array in values.items():
         stretch = array[complete][base.rows]
         on_grid[role] = stretch if base.even else _resampled(time, base, stretch, role in plan.held)
     return base, {role: np.array(a, dtype=np.float64) for role, a in on_grid.items()}, words
+
+
+def _from(begin: float, time: Array, values: dict[str, Array]) -> tuple[Array, dict[str, Array]]:
+    """Rows from a time on; all where there are none, which is for the choice to refuse."""
+    early = time < begin - 1e-9
+    kept = slice(int(np.argmin(early)), None)  # the first that is not early, or else all
+    return time[kept], {role: array[kept] for role, array in values.items()}
 
 
 def _time(found: dict[str, Quantity], plan: Plan) -> Array:

@@ -57,8 +57,11 @@ class TimeBase:
     notes: tuple[str, ...]
 
 
-def time_base(time: Array, least: float, pace: Pace = Pace()) -> TimeBase:
-    """Find an even grid in time stamps (N,) [s] of at least `least` [s], or say why not."""
+def time_base(time: Array, least: float, pace: Pace = Pace(), from_first: bool = False) -> TimeBase:
+    """Find an even grid in time stamps (N,) [s] of at least `least` [s], or say why not.
+
+    The longest stretch without a break has it, or `from_first` that before the first break.
+    """
     if len(time) < 10:
         raise LogError(f"Only {len(time)} complete samples: record more.")
     steps = np.diff(time)
@@ -81,16 +84,23 @@ def time_base(time: Array, least: float, pace: Pace = Pace()) -> TimeBase:
     breaks = np.flatnonzero((steps <= 0) | (steps > longest))
     ends = np.concatenate([[0], breaks + 1, [len(time)]])
     spans = np.array([time[j - 1] - time[i] for i, j in zip(ends, ends[1:], strict=False)])
-    best = int(np.argmax(spans))
+    best = 0 if from_first else int(np.argmax(spans))
     notes: tuple[str, ...] = ()
     if len(breaks):
         where = _break(time, int(breaks[0]))
+        if spans[best] < least and from_first:
+            raise LogError(
+                f"{where}, and the {spans[best]:.2f} s before it are too short: at least "
+                f"{least:g} s are needed, from the plant's start on. Choose a stretch that begins "
+                "with one with --from."
+            )
         if spans[best] < least:
             raise LogError(
                 f"{where}, and no stretch without a break is {least:g} s long "
                 f"(the longest is {spans[best]:.2f} s)."
             )
-        notes = (f"{where}: the longest stretch without a break is used.",)
+        used = "the part before it" if from_first else "the longest stretch without a break"
+        notes = (f"{where}: {used} is used.",)
     rows = slice(int(ends[best]), int(ends[best + 1]))
     return _grid(time, rows, notes)
 

@@ -27,6 +27,7 @@ Progress = Callable[[int, int], None]
 BLOCK = 128
 
 _SEED = 20
+_TRIED = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,6 +121,18 @@ def parameters(plant: Plant, words: Words) -> Array:
     """Random words (B, p) to parameters of the prior (B, p)."""
     low, high = plant.ranges
     return np.asarray(low + (high - low) * uniform(words))
+
+
+def designed(plant: Plant) -> Array:
+    """Gains (m, k) of 256 plants of the prior, those that have any; ``ValueError`` if none has."""
+    gains = plant.oracle(sample(plant, _TRIED))
+    found = gains[np.isfinite(gains).all(axis=1)]
+    if not len(found):
+        raise ValueError(
+            f"design gives no gains for any of {_TRIED} plants of the prior: nothing can be "
+            "learned. Choose a target that can be reached, or another prior."
+        )
+    return found
 
 
 def sample(plant: Plant, count: int) -> Array:

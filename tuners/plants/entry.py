@@ -17,6 +17,7 @@ from importlib import import_module, invalidate_caches
 from pathlib import Path
 from types import ModuleType
 
+from tuners.plants.calls import said
 from tuners.plants.plant import Plant
 
 _FORM = 'Write it as "module:attribute", for example "my_plant:plant".'
@@ -25,7 +26,8 @@ _FORM = 'Write it as "module:attribute", for example "my_plant:plant".'
 def find(entry: str | Plant, folder: Path | None = None) -> Plant:
     """The plant at an entry point; modules in `folder` are found too.
 
-    Importing a module runs it: name only what you would run.
+    Importing a module runs it: name only what you would run.  Whatever it raises, its own
+    exit too, becomes ``ValueError``.
     """
     if isinstance(entry, Plant):
         return entry
@@ -34,9 +36,10 @@ def find(entry: str | Plant, folder: Path | None = None) -> Plant:
         raise ValueError(f"entry = {entry!r} is no entry point. {_FORM}")
     try:
         module = _module(name, None if folder is None else folder.resolve())
-    except ModuleNotFoundError as error:
-        if error.name != name.split(".")[0] and error.name != name:
-            raise
+    except (Exception, SystemExit) as error:
+        missing = isinstance(error, ModuleNotFoundError) and _within(name, error.name)
+        if not missing:
+            raise ValueError(f"importing {name} failed: {said(error)}.") from error
         raise ValueError(
             f"entry = {entry!r}: there is no module {name!r}. "
             "Run from the folder where it is, or add that to PYTHONPATH."
@@ -49,7 +52,7 @@ def find(entry: str | Plant, folder: Path | None = None) -> Plant:
 
 
 def entered(plant: Plant, entry: str) -> Plant:
-    """The plant as one of that entry; `replace` would take figures filled in for given ones."""
+    """The plant as one of that entry; `replace` would try all its functions again."""
     if plant.entry == entry:
         return plant
     renamed = copy(plant)
@@ -88,7 +91,15 @@ def from_toml(path: Path) -> Plant | None:
     table = content["plant"]
     if not isinstance(table, dict) or set(table) != {"entry"}:
         raise ValueError(f'{path}: [plant] must hold entry = "module:attribute" and nothing else.')
-    return find(table["entry"], path.parent)
+    try:
+        return find(table["entry"], path.parent)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _within(name: str, missing: str | None) -> bool:
+    """Whether a module that is missing is the named one, or a package on the way to it."""
+    return missing is not None and f"{name}.".startswith(f"{missing}.")
 
 
 def _module(name: str, folder: Path | None) -> ModuleType:

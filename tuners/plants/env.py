@@ -10,7 +10,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from tuners.plants.data import Draw, sample, words_of
+from tuners.plants.data import Draw, designed, words_of
 from tuners.plants.entry import find
 from tuners.plants.plant import Plant
 from yawrate_env import interaction, validation
@@ -19,7 +19,6 @@ from yawrate_env.one_step import Observation, OneStepVectorEnv
 Array = NDArray[np.float64]
 
 _LARGEST = 1e30  # finite, as agents want it, and beyond any unit
-_PLANTS = 256
 _SPARE = 0.25  # of the range that the prior's plants need, on either side
 
 
@@ -173,8 +172,7 @@ def action_space(plant: Plant) -> Box:
 
     The quarter is one of the range, in logarithms where all gains are positive.
     """
-    gains = plant.oracle(sample(plant, _PLANTS))
-    gains = gains[np.isfinite(gains).all(axis=1)]
+    gains = designed(plant)
     positive = (gains > 0).all(axis=0)
     scaled = np.where(positive, np.log(np.where(positive, gains, 1.0)), gains)
     low, high = scaled.min(axis=0), scaled.max(axis=0)

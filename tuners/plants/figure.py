@@ -1,6 +1,7 @@
 """What a figure's error is worth, and how much of it is trusted."""
 
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -29,9 +30,11 @@ class Figure:
     spread: float = np.nan
 
     def __post_init__(self) -> None:
+        remedy = "Give the error that counts."
+        scale = validation.number("scale", self.scale, above=0.0, remedy=remedy)
         for name, share in (("error", _ERROR), ("spread", _SPREAD)):
-            if np.isnan(getattr(self, name)):
-                object.__setattr__(self, name, share * self.scale)
-        for name in self.__slots__:
             value = getattr(self, name)
-            validation.number(name, value, above=0.0, remedy="Give the error that counts.")
+            if isinstance(value, Real) and np.isnan(float(value)):
+                object.__setattr__(self, name, share * scale)
+            else:
+                validation.number(name, value, above=0.0, remedy=remedy)

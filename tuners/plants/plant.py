@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.compressors.laguerre import Laguerre
-from tuners.plants.checks import check_functions, check_settings
+from tuners.plants.calls import called
+from tuners.plants.checks import check_settings
 from tuners.plants.coordinates import LOG, Coordinates
 from tuners.plants.figure import Figure
+from tuners.plants.trial import check_functions
 from yawrate_env import validation
 from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.noise import add_white_noise
@@ -26,12 +28,15 @@ Noise = float | Callable[[Array], Array]
 Search = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]
 Range = tuple[float, float]
 
+_DECIBELS = 400.0  # beyond float64's digits, either way
 _MARGIN = 0.5  # of a range's width, by which the search for parameters may leave the prior
 
 
 def snr(decibels: float) -> Callable[[Array], Array]:
     """Noise at so many decibels below each noise-free output's mean square."""
-    return _Below(10 ** (-validation.number("snr", decibels, remedy="Give a ratio in dB.") / 20))
+    given = validation.number("snr", decibels, at_least=-_DECIBELS, at_most=_DECIBELS,
+                              remedy="Give a ratio in dB.")  # fmt: skip
+    return _Below(10 ** (-given / 20))
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,12 +231,12 @@ class Plant:
         """Inputs of B experiments, (1, N) or (B, N), from a random word each."""
         if self.excite is None:
             return self.u[None]
-        return np.asarray(self.excite(words), dtype=np.float64)
+        return validation.float_array("excite's answer", called("excite", self.excite, words))
 
     def measure(self, theta: Array, u: Array, keys: Words, rng: Any = None) -> Array:
         """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4)."""
         if self.record is not None:
-            return self.record(theta, u, keys)
+            return np.asarray(called("record", self.record, theta, u, keys))
         clean = np.ascontiguousarray(self.respond(theta, u, rng))
         sigma = self.sigma(clean).copy()
         measured = np.empty_like(clean)
@@ -244,8 +249,11 @@ class Plant:
 
     def sigma(self, clean: Array) -> Array:
         """Standard deviations of the measurement noise, (B,)."""
-        value = self.noise(clean) if callable(self.noise) else self.noise
-        return np.broadcast_to(np.asarray(value, dtype=np.float64), len(clean))
+        value = called("noise", self.noise, clean) if callable(self.noise) else self.noise
+        sigma = validation.float_array("noise's answer", value)
+        if sigma.shape not in ((), (1,), (len(clean),)):
+            raise ValueError(f"noise gave shape {sigma.shape}, wanted {(len(clean),)}.")
+        return np.broadcast_to(sigma, len(clean))
 
     def oracle(self, theta: Array) -> Array:
         """Gains (B, k) of the design rule that knows the parameters."""
@@ -292,11 +300,13 @@ class Plant:
     def _each(self, name: str, function: Callable[..., Any], width: int, *arrays: Array) -> Array:
         """Call for the batch, or for one at a time, and check the shape."""
         arrays = tuple(array.copy() for array in arrays)  # theirs to write into
+        answer = f"{name}'s answer"
         if self.batched:
-            values = np.asarray(function(*arrays), dtype=np.float64)
+            values = validation.float_array(answer, called(name, function, *arrays))
         else:
-            rows = [function(*row) for row in zip(*arrays, strict=True)]
-            values = np.asarray(rows, dtype=np.float64)
+            each = (called(name, function, *row) for row in zip(*arrays, strict=True))
+            rows: Any = [validation.float_array(answer, row) for row in each]
+            values = validation.float_array(answer, rows)
         if values.shape != (len(arrays[0]), width):
             raise ValueError(f"{name} gave shape {values.shape}, wanted {(len(arrays[0]), width)}.")
         return values

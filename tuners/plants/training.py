@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.plants.black_box import functions_for, suited
-from tuners.plants.data import Episodes, Examples, episodes, examples
+from tuners.plants.data import Episodes, Examples, designed, episodes, examples
+from tuners.plants.entry import find
 from tuners.plants.plant import Plant
 from tuners.plants.trust import Assessment, conformal
 from tuners.plants.tuner import PlantTuner
-from tuners.stages import Recipe, Stages, trained
+from tuners.stages import Recipe, Stages, checked, trained
 from yawrate_env import validation
+from yawrate_env.task import Task
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -103,7 +105,7 @@ def fit(
 
 
 def train(
-    plant: Plant,
+    plant: Plant | str,
     recipe: Recipe | None = None,
     *,
     count: int | None = None,
@@ -115,6 +117,8 @@ def train(
 
     Parameters
     ----------
+    plant : Plant or str
+        The plant, or where it is found: ``"module:attribute"``.
     recipe : Recipe, optional
         Compressor, learner, noise draws and how many plants; `recipe_for` by default.  Its
         coordinates and speeds are the vehicle's: a plant has its own coordinates.
@@ -128,11 +132,23 @@ def train(
         Called with what is being done, how far it is, and how far it goes.
     """
     check_calibration(calibration)
-    recipe = recipe or recipe_for(plant)
+    plant = described(plant)
+    recipe = recipe_for(plant) if recipe is None else checked(recipe)
+    designed(plant)
     stages, training = fit(
         plant, recipe, count=count, seed=seed, name="two-stage", progress=progress
     )
     return finished(plant, stages, training, calibration, seed, progress)
+
+
+def described(plant: Plant | str) -> Plant:
+    """The plant, or that of an entry; ``ValueError`` for anything else, vehicles say."""
+    if isinstance(plant, Task):
+        raise ValueError("plant is a Task, of vehicles. Use tuners.train for these.")
+    if not isinstance(plant, Plant | str):
+        raise ValueError(f"plant = {plant!r} is neither a tuners.plants.Plant nor its entry "
+                         '"module:attribute". Describe one.')  # fmt: skip
+    return find(plant)
 
 
 def check_calibration(calibration: int) -> None:

@@ -184,6 +184,8 @@ class PlantTuner:
                 f"obs has shape {array.shape}, wanted {shape} or a batch of these, as "
                 "yawrate/Plant-v0 gives them for this plant."
             )
+        if not len(batch):
+            return np.empty((0, len(self.plant.gains))), state
         theta = self._middle(len(batch))
         for row, name in enumerate(names, start=2):
             theta[:, tuple(self.plant.prior).index(name)] = batch[:, row, 0]
