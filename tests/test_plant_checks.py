@@ -185,7 +185,7 @@ def test_numbers_that_are_none(call, words):
 
 
 def test_checks_are_called_as_trust_calls_them():
-    assert set(CHECKS) == set(MESSAGES)
+    assert set(CHECKS) == {*MESSAGES, "between"}  # that one only where a log is slow
     names = list(_of_figures(plant, "error", np.zeros((1, 2)), ""))
     assert names == [check_name(name, "error") for name in plant.figures]
 

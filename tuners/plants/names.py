@@ -8,7 +8,9 @@ INFO = ("clipped", "stable")
 ORACLE = "oracle_"
 """Before a gain's name in the info: what the design rule gives."""
 
-CHECKS = ("misfit", "response", "noise", "colour", "outside", "unsolved")
+CHECKS = (
+    "implausible", "misfit", "response", "noise", "colour", "outside", "unsolved", "between",
+)  # fmt: skip
 """Checks of a recording that no plant names."""
 
 

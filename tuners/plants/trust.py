@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from tuners.plants.black_box import BlackBox
 from tuners.plants.fit import Fit, fit, most_coloured
 from tuners.plants.identification import central
+from tuners.plants.names import check_name
 from tuners.plants.plant import Plant
 from tuners.result import Check
 
@@ -189,9 +190,9 @@ def assess(
 
 def _of_figures(plant: Plant, what: str, values: Array, message: str) -> dict[str, Finding]:
     """A finding for each figure, named by it without its unit."""
-    names = (name.partition(" [")[0].replace(" ", "_") for name in plant.figures)
+    names = (check_name(name, what) for name in plant.figures)
     parts = zip(names, values.T, plant.figure(what), strict=True)
-    return {f"{name}_{what}": Finding(v, float(limit), message) for name, v, limit in parts}
+    return {name: Finding(v, float(limit), message) for name, v, limit in parts}
 
 
 def _of_recordings(plant: Plant, model: BlackBox, found: Fit) -> dict[str, Finding]:
