@@ -3,6 +3,7 @@
 import os
 from abc import ABC, abstractmethod
 from dataclasses import asdict, replace
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from tuners import model_file
 from tuners.fallback import fallback
 from tuners.plants.black_box import black_box, functions_for
+from tuners.plants.plant import Plant
 from tuners.plants.trust import Assessment, assess
 from tuners.plausible import STEADY, STILL
 from tuners.recording import Recording
@@ -129,7 +131,7 @@ class Tuner(ABC):
         validation.number("number of samples at the tuner's Ts", samples, at_most=_LONGEST,
                           remedy=remedy)  # fmt: skip
         recording = recording.resampled(self.task.experiment.Ts)
-        plant, speeds = yaw_rate(self.task), self.speeds(recording)
+        plant, speeds = self.plant, self.speeds(recording)
         model = black_box(
             plant, functions_for(plant), recording.u, recording.y, start, recording.oversampled
         )
@@ -194,6 +196,11 @@ class Tuner(ABC):
     def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
         """Rebuild from what `settings` and `arrays` gave."""
         return cls(task_from(settings))
+
+    @cached_property
+    def plant(self) -> Plant:
+        """Its vehicles, described as any plant is."""
+        return yaw_rate(self.task)
 
     @property
     def speed_range(self) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from tuners.compressors.response import FrequencyResponse
 from tuners.recording import Recording
 from tuners.stages import Stages
 from tuners.tuner import Tuner, task_from
-from tuners.yaw_rate import theta_of, yaw_rate
+from tuners.yaw_rate import theta_of
 from yawrate_env.design import Design
 from yawrate_env.task import Task
 from yawrate_env.vehicle import Context
@@ -47,8 +47,10 @@ class TwoStage(Tuner):
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Compress, predict, convert."""
         speeds = self.speeds(recording)
-        shown = yaw_rate(self.task).shown(theta_of(Context(speeds, speeds, speeds)))
-        values, usable = self.stages(recording.u, recording.y, recording.Ts, shown)
+        beside = np.empty((len(speeds), 0))
+        if self.plant.shown_names:
+            beside = self.plant.shown(theta_of(Context(speeds, speeds, speeds)))
+        values, usable = self.stages(recording.u, recording.y, recording.Ts, beside)
         return coordinates.decode(values, self.task.target, self.coordinates), usable
 
     def settings(self) -> dict[str, Any]:
