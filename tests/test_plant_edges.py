@@ -20,6 +20,7 @@ from tuners.learners.trend import TrendSettings
 from tuners.model_file import ModelFileError
 from tuners.plants.data import recorded
 from tuners.plants.training import recipe_for
+from tuners.plants.trust import conformal
 from tuners.recording import Recording
 from tuners.stages import Recipe
 from tuners.yaw_rate import yaw_rate
@@ -188,10 +189,18 @@ def test_a_log_too_slow_for_what_bends_between_its_samples_is_not_trusted(tuner)
     assert not between.passed and any("record faster" in reason for reason in result.reasons)
 
 
-def test_a_vehicles_speed_need_not_be_a_car_s_to_be_doubted():
-    recording = driven(1)
-    fast = replace(recording, v_x=np.array([160.0]))
-    assert not tuners.load("gb").assess(fast)[1].trusted.any()
+@pytest.mark.parametrize("v_x, doubted", [(20.0, False), (149.0, False), (160.0, True)])
+def test_a_speed_beyond_a_cars_is_doubted_by_who_knows_every_speed(v_x, doubted):
+    recording = replace(driven(1), v_x=np.array([v_x]))
+    speed = tuners.load("gb").assess(recording)[1].findings["speed"]
+    assert (speed.values[0] > speed.limit) == doubted
+
+
+@pytest.mark.parametrize("count, finite", [(0, False), (8, False), (9, True)])
+def test_a_few_episodes_calibrate_nothing(count, finite):
+    errors = np.random.default_rng(0).standard_normal((count, 2))
+    factors = conformal(np.zeros((count, 2)), np.ones((count, 2)), errors)
+    assert factors.shape == (2,) and np.isfinite(factors).all() == finite
 
 
 @pytest.mark.parametrize("make", [lambda: plant, lambda: yaw_rate(Task())])

@@ -227,11 +227,12 @@ def calibrated(
         if progress is not None:
             progress(done)
     predicted, spread, actual = np.concatenate(parts, axis=1)
-    factors = conformal(predicted, spread, actual) if len(actual) else np.array([np.inf])
+    factors = conformal(predicted, spread, actual)
     if not np.isfinite(factors).all():
         lost = np.isnan(actual).any(axis=1).sum()
         raise ValueError(
             f"{lost} of {len(actual)} loops that calibrate the intervals are unstable or have no "
-            "gains, at most a tenth may be. Train on more plants, or narrow the prior."
+            "gains, at most a tenth may be, of ten or more. Train on more plants, or narrow the "
+            "prior."
         )
     return factors

@@ -261,10 +261,12 @@ def conformal(predicted: Array, spread: Array, actual: Array, level: float = LEV
     """Split conformal factors (f,) from calibration episodes, (E, f) each.
 
     The factor is the ceil((E + 1) level)-th smallest scaled error, which makes intervals
-    hold with probability `level` or more whatever the errors' distribution.
+    hold with probability `level` or more whatever the errors' distribution; too few
+    episodes have none, and ``inf``.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         scores = np.abs(actual - predicted) / spread
     scores = np.where(actual == predicted, 0.0, scores)  # 0/0: it was certain
     scores = np.sort(np.where(np.isnan(scores), np.inf, scores), axis=0)
-    return np.asarray(scores[int(np.ceil((len(scores) + 1) * level)) - 1])
+    rank = int(np.ceil((len(scores) + 1) * level))
+    return np.asarray(scores[rank - 1] if rank <= len(scores) else np.full(scores.shape[1], np.inf))
