@@ -118,6 +118,9 @@ class Plant:
     search_limits : dict, optional
         Parameters to how far they are searched; by default half a range beyond the prior,
         parameters that are positive staying so.
+    reach : callable, optional
+        ``reach()``: lowest and highest coordinates, (m,) each, that agents choose from; by
+        default what the prior's plants need and a quarter more (`tuners.plants.reach`).
     black_box : Laguerre, optional
         Functions that explain every plant; otherwise so many as it takes, with a pole that
         suits the prior.
@@ -145,6 +148,7 @@ class Plant:
     record: Callable[[Array, Array, Words], Array] | None = None
     gray_box: Search | None = None
     search_limits: Mapping[str, Range] = field(default_factory=dict)
+    reach: Callable[[], tuple[Array, Array]] | None = None
     black_box: Laguerre | None = None
 
     def __post_init__(self) -> None:
