@@ -19,6 +19,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from tuners.feature_map import ActionMap, FeatureMap
 from tuners.learners.agent import Actor, Agent
+from tuners.learners.threads import threads
 from tuners.plants.black_box import functions_for
 from tuners.plants.plant import Plant
 from tuners.plants.training import CALIBRATION, calibrate, check_calibration, described
@@ -222,7 +223,8 @@ class Run(Generic[Made]):
         follower = _Follower(self, at, progress)
         left = self.settings.episodes - self.model.num_timesteps
         if left > 0:
-            self.model.learn(left, callback=follower, reset_num_timesteps=False, log_interval=100)
+            with threads(1):
+                self.model.learn(left, follower, log_interval=100, reset_num_timesteps=False)
         return [*follower.taken, (self.model.num_timesteps, self.tuner())]
 
     def save(self) -> None:
