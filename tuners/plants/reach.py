@@ -25,6 +25,8 @@ def reach(plant: Plant) -> tuple[Array, Array]:
     """
     if plant.reach is not None:
         low, high = validation.finite_array("reach", called("reach", plant.reach), shape=(2, None))
+        if not (low < high).all():
+            raise ValueError(f"reach = {low}, {high}: give the lowest, then the highest ones.")
         return low, high
     gains = designed(plant)
     values = plant.coordinates.encode(gains)
