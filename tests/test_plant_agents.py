@@ -246,6 +246,15 @@ def test_a_seed_gives_the_same_agent_again():
         assert_same(one, other)
 
 
+def test_rewards_are_gone_for_where_the_design_rule_has_none():
+    wanted = replace(lone, target=(0.3,))  # gains 30 % above those that it knows
+    seen = recorded(wanted, "test", 0, 128)
+    rule = wanted.reward(seen.theta, wanted.oracle(seen.theta))
+    np.testing.assert_allclose(rule, -1 / (1 + 1 / 4))
+    found = trained(wanted, episodes=800, num_envs=4, calibration=0)
+    assert earned(found) > 0.7 * rule.mean()
+
+
 def test_training_never_reads_the_design_rules_gains():
     blind = False
 

@@ -193,5 +193,5 @@ def action_space(plant: Plant) -> Box:
     low, high = reach(plant)
     units = corners(-np.ones_like(low), np.ones_like(low))
     ends = plant.coordinates.decode(stretched(units, low, high))
-    gains = np.concatenate([designed(plant), ends])
+    gains = np.concatenate([designed(plant), ends[np.isfinite(ends).all(axis=1)]])
     return Box(gains.min(axis=0), gains.max(axis=0), dtype=np.float64)
