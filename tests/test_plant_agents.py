@@ -246,6 +246,7 @@ def test_a_seed_gives_the_same_agent_again():
         assert_same(one, other)
 
 
+@pytest.mark.slow
 def test_rewards_are_gone_for_where_the_design_rule_has_none():
     wanted = replace(lone, target=(0.3,))  # gains 30 % above those that it knows
     seen = recorded(wanted, "test", 0, 128)

@@ -315,6 +315,17 @@ def test_compressors_by_name():
     assert compressor("armax") == Armax()
 
 
+@pytest.mark.parametrize(
+    "name, first",
+    [
+        ("laguerre", [0.5536585, 0.76594, -0.53654927, -0.6710978, 0.5273979]),
+        ("armax", [0.53342044, -0.57042754, 0.45965064, 0.54136497, -0.390725]),
+    ],
+)
+def test_features_are_what_they_always_were(name, first):
+    np.testing.assert_allclose(scalar(compressor=name).reset(seed=0)[0][:5], first, atol=1e-5)
+
+
 # --- actions
 
 TASKS = {
@@ -334,6 +345,25 @@ def test_the_range_holds_every_oracle_with_room_to_spare(name):
     assert np.abs(used).max() < 1
     np.testing.assert_allclose(found.gains(used), gains, rtol=1e-9)
     assert np.ptp(used, axis=0).min() > 0.4  # nor is it so wide that nothing can be resolved
+
+
+FROZEN = {
+    "default": [-1.9993818650418442, -0.4273901474141522, -75.0, 0.243796568533, 0.070509374048],
+    "speeds": [-2.361839700987645, -0.421745394562924, -75.0, 0.223621132628, 0.070509374048],
+    "low margin": [-1.9993818650418442, -0.4273901474141522, -78.3549104655, 0.227467369795,
+                   0.063980470071],
+    "printed": [-1.9993818650418442, -0.4273901474141522, -75.0, 0.795046228721, 0.159429104018],
+}  # fmt: skip
+"""Log magnitudes, steepest phase [deg], and (kp, Ti) of (0.5, -0.5), of the first version."""
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_actions_mean_what_they_always_did(name):
+    found = ActionMap.of(yaw_rate(TASKS[name]))
+    gains = found.gains(np.array([[0.5, -0.5]]))[0]
+    now = [found.low[0], found.high[0], np.degrees(found.low[1]), *gains]
+    np.testing.assert_allclose(now, FROZEN[name], rtol=1e-9)
+    assert np.degrees(found.high[1]) == pytest.approx(-0.5)
 
 
 @pytest.mark.parametrize("name", TASKS)
