@@ -2,6 +2,8 @@
 
 import json
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
 import first_order
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from first_order import SIGMA, TAU, TS, U, gauged
 from hypothesis import HealthCheck, given, settings
 from test_cli import EDITS, EXAMPLE, UNTRUSTED, UNUSABLE, WRONG, call, edited, refused
+from test_plant_closed_loop import integrator
 from test_report import Checked
 
 import tuners
@@ -352,6 +355,28 @@ def test_every_check_has_a_name_for_people(page, answered):
     for check in result.checks:
         assert f"<th>{check.name.replace('_', ' ')}<" not in table, check.name
     assert table.count("passed, limit") == len(result.checks)
+
+
+def test_the_loop_is_drawn_where_the_plant_has_one(answered):
+    """Bode and a step beside it, or the step alone for wide and for narrow pages."""
+    result, log, made, name = answered()
+    for whole, count in ((True, 6), (False, 6)):
+        asked = []
+
+        def loop(theta, gains, whole=whole, asked=asked):
+            asked.append((theta, gains))
+            drawn = integrator(theta, gains)
+            return drawn if whole else replace(drawn, open=None, stable=False)
+
+        drawing = SimpleNamespace(plant=replace(made.plant, loop=loop))
+        page = render_plant(result, log, drawing, name)
+        Checked(page)
+        theta, gains = asked[-1]
+        assert dict(zip(gauged.prior, theta, strict=True)) == result.parameters
+        assert dict(zip(gauged.gains, gains, strict=True)) == result.gains
+        assert page.count("<svg") == count and "Step of the flow by 1 l/s" in page
+        assert ("Delay margin" in page and "0.53 Hz" in page) is whole
+        assert ("the loop is unstable" in page) is not whole
 
 
 def test_reasons_against_are_said(answered):
