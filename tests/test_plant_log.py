@@ -106,6 +106,17 @@ def test_columns_and_scales_are_the_users(tuned, written):
         assert found["trusted"]
 
 
+def test_units_are_the_logs_or_the_users(tuned, written):
+    plain = tuned(written())
+    stated = {"t": COLUMNS["t"], "valve [1]": U / 100, "flow": 1e3 * Y, "K": COLUMNS["K"]}
+    found = tuned(written(stated), "--output-unit", "ml/s")
+    assert found["gains"] == pytest.approx(plain["gains"], rel=1e-6)
+    assert found["notes"] == [
+        "Column valve [1] was converted from 1 to %.",
+        "Column flow was converted from ml/s to l/s.",
+    ]
+
+
 def test_columns_that_are_not_there(written, tuner):
     log = written({"t": COLUMNS["t"], "u": U, "level": Y})
     of = ("tune", log, "--tuner", tuner)

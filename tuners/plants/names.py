@@ -20,6 +20,12 @@ def split(name: str) -> tuple[str, str]:
     return words, unit.removesuffix("]")
 
 
+def valued(name: str, value: float) -> str:
+    """A quantity and its value: ``speed 20 rad/s``."""
+    words, unit = split(name)
+    return f"{words} {value:.4g} {unit}".rstrip()
+
+
 def word(signal: str, otherwise: str) -> str:
     """A signal's name without its unit; what it is, where the name is a symbol or missing."""
     name, _ = split(signal)

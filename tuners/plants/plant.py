@@ -106,7 +106,8 @@ class Plant:
     batched : bool
         Whether the functions take B plants at once, or ``(p,)`` and ``(k,)`` of one.
     signals : tuple of str
-        What input and output are called in pictures.
+        What input and output are called in pictures and logs.  Their units, and those of measured
+        parameters, are in brackets: ``speed [rad/s]``.
     entry : str
         ``module:attribute`` where the description is found again; saved tuners name it.
     record : callable, optional

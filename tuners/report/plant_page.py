@@ -6,7 +6,7 @@ import numpy as np
 
 from tuners.plants.closed_loop import ClosedLoop
 from tuners.plants.log import PlantLog
-from tuners.plants.names import check_name, split, word
+from tuners.plants.names import check_name, split, valued, word
 from tuners.plants.plant import Plant
 from tuners.plants.result import PlantResult
 from tuners.plants.tuner import PlantTuner
@@ -112,7 +112,10 @@ def _parameters(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]]
 
 def _checks(plant: Plant) -> dict[str, tuple[str, str]]:
     """Of every plant, of its measured parameters and of its figures."""
-    named = {name: (f"{name} outside what the tuner was made for", "") for name in plant.measured}
+    named = {}
+    for name in plant.measured:
+        words, unit = split(name)
+        named[name] = f"{_capital(words)} outside what the tuner was made for", unit
     for figure in plant.figures:
         words, unit = split(figure)
         named[check_name(figure, "spread")] = f"Standard deviation of the {words}", unit
@@ -129,7 +132,7 @@ def _assumed(
     plant, fit = made.plant, result.fit
     offset = minus(f"{fit.offset:.3g} {split(plant.signals[1])[1]}".rstrip())
     start = "from rest, without offset" if fit.from_rest else f"anywhere; offset {offset}"
-    known = ", ".join(f"{name} {value:.4g}" for name, value in log.measured.items())
+    known = ", ".join(valued(*measured) for measured in log.measured.items())
     return [
         ("Tuner", tuner),
         ("Plant", plant.entry or "without an entry point"),
