@@ -234,7 +234,7 @@ def test_a_scale_comes_after_the_unit(read):
     same(read(logged(speed="speed [rad/s]", y=2 * Y), output_scale=0.5))
 
 
-@pytest.mark.parametrize("scale, remedy", [(0.001, "Give 1"), (-0.00101, "Give -1")])
+@pytest.mark.parametrize("scale, remedy", [(0.001, "Leave it out"), (-0.00101, "Give -1")])
 def test_no_conversion_is_made_twice(read, scale, remedy):
     said = rf"--input-scale {scale:g}: column .* is converted from mV to V without that. {remedy}\."
     with pytest.raises(SelectionError, match=said):

@@ -84,9 +84,10 @@ def _conversion(column: str, read: Column, wanted: Wanted) -> tuple[tuple[float,
     if found == (1.0, 0.0):
         return found, []
     if math.isclose(abs(wanted.scale), found[0], rel_tol=0.01):
+        remedy = "Leave it out" if wanted.scale > 0 else "Give -1"
         raise SelectionError(
             f"{wanted.flag}-scale {wanted.scale:g}: column {column} is converted from {said} to "
-            f"{unit} without that. Give {math.copysign(1, wanted.scale):g}."
+            f"{unit} without that. {remedy}."
         )
     return found, [f"Column {column} was converted from {said} to {unit}."]
 

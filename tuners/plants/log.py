@@ -140,7 +140,7 @@ def _given(plant: Plant, measured: Mapping[str, float]) -> dict[str, float]:
     for name, value in measured.items():
         if not plant.measured:
             raise SelectionError(f"--measured {name}: nothing is measured beside this plant.")
-        meant = whole.get(plain(name), name)
+        meant = name if name in plant.measured else whole.get(plain(name), name)
         try:
             given[validation.one_of("--measured", meant, tuple(plant.measured))] = value
         except ValueError as error:

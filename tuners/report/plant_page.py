@@ -118,11 +118,9 @@ def _checks(plant: Plant) -> dict[str, tuple[str, str]]:
         named[name] = f"{_capital(words)} outside what the tuner was made for", unit
     for figure in plant.figures:
         words, unit = split(figure)
+        off = f"{_capital(words)} off what the design rule reaches"
         named[check_name(figure, "spread")] = f"Standard deviation of the {words}", unit
-        named[check_name(figure, "error")] = (
-            f"{_capital(words)} off what the design rule reaches",
-            unit,
-        )
+        named[check_name(figure, "error")] = off, unit
     return CHECKS | named
 
 
