@@ -25,9 +25,8 @@ TARGETS = ("c", "matlab", "json", "onnx")
 @click.option(
     "--tuner",
     metavar="NAME|FILE",
-    help="A tuner instead of gains, a vehicle's or a plant's, for onnx and c: recordings to gains. "
-    "With Laguerre features only, as a plant's usual one, ts-ff-lag, ts-ff-lag-vx; ts-gbm-lag for "
-    "onnx.",
+    help="A tuner instead of gains, for onnx and c, from recordings to gains. With Laguerre "
+    "features only: a plant's usual one, ts-ff-lag, ts-ff-lag-vx, and for onnx ts-gbm-lag.",
 )
 @click.option(
     "--features",
@@ -38,7 +37,7 @@ TARGETS = ("c", "matlab", "json", "onnx")
     "--Ts",
     "ts",
     type=POSITIVE,
-    help="Sampling time of the controller [s]. [default: the result's loop's, a plant's, or 0.01]",
+    help="Sampling time of the controller [s]. [default: the result's, or 0.01]",
 )
 @click.option(
     "--limits",
@@ -80,6 +79,8 @@ def command(
         raise click.UsageError("Give --kp and --Ti, or a --result, or a --tuner.")
     if features and tuner is None:
         raise click.UsageError("--features is for a tuner: give --tuner.")
+    if tuner is not None and (ts, limits) != (None, None):
+        raise click.UsageError("--Ts and --limits are a controller's: give gains, not --tuner.")
     if out.exists() and out.is_dir() != (target == "c"):
         raise click.UsageError(f"{out} exists. Target c writes a folder, any other a file.")
     keep(out, tuner, result)

@@ -78,7 +78,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
 
 def plain_name(signal: str) -> str:
     """A signal's name without its unit, in one word."""
-    return "_".join(signal.partition(" [")[0].split())
+    return "_".join(signal.partition(" [")[0].split()) or "output"
 
 
 def compression(parts: Parts) -> Array:
