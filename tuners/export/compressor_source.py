@@ -298,6 +298,13 @@ def stack_size(order: int) -> int:
     return 8 * order * (order + 4)
 
 
+def constant_size(compressor: Laguerre | FrequencyResponse) -> int:
+    """Bytes of the program's numbers."""
+    if isinstance(compressor, Laguerre):
+        return 8 * 3
+    return 8 * (4 + 2 * compressor.order * compressor.points)
+
+
 def golden_decay(pole: float, Ts: float) -> float:
     """Of a lag that the functions explain, but none of them alone."""
     return float(np.exp(-0.7 * pole * Ts))

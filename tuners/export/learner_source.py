@@ -230,8 +230,8 @@ def decode_source(coordinates: Coordinates) -> str:
     )
 
 
-def constants(learner: FeedForward | Trend) -> int:
-    """Bytes of the learner's numbers."""
+def learner_size(learner: FeedForward | Trend) -> int:
+    """Bytes of the program's numbers."""
     return 8 * int(sum(np.size(array) for array in learner.arrays().values()))
 
 

@@ -16,6 +16,7 @@ from tuners.export.compressor_source import (
     HOLD,
     SAMPLES,
     compressor_source,
+    constant_size,
     golden_decay,
     golden_signals,
     stack_size,
@@ -24,8 +25,8 @@ from tuners.export.compressor_source import (
 from tuners.export.learner_source import (
     CODES,
     check_learner,
-    constants,
     decode_source,
+    learner_size,
     learner_source,
     network_of,
 )
@@ -265,7 +266,7 @@ def _words(parts: Parts, name: str, first: str) -> dict[str, str]:
         "upper": first.upper(), "gains": names, "input": input_, "output": output,
         "Ts": f"{plant.Ts:.9g}", "count": str(len(plant.gains)), "all": str(parts.width),
         "bytes": str(state_size(order)), "stack": str(stack_size(order) + 8 * own),
-        "constants": str(constants(learner)),
+        "constants": str(constant_size(parts.compressor) + learner_size(learner)),
         "learner": learner_source(learner), "decode": decode_source(plant.coordinates),
         "define": f"#define {guard}_MEASURED {len(shown)}\n" if shown else "",
         "beside": f"const double measured[{guard}_MEASURED], " if shown else "",
@@ -289,21 +290,20 @@ def _golden(parts: Parts) -> dict[str, str]:
     outputs = plant.respond(theta)
     features, _ = parts.compressor(plant.u[None], outputs, plant.Ts)
     features[-1, 0], features[-2] = np.nan, -features[-2]
-    features[-4:-2] *= [[1e3], [1e6]]
+    features[-4:-2] *= [[3.0], [30.0]]
     decay = golden_decay(parts.compressor.pole, plant.Ts)
-    size = float(outputs[0].std() / plant.u.std())
+    size = float(np.linalg.norm(outputs[0]) / np.linalg.norm(plant.u))
     u, y = golden_signals(decay)
     whole, _ = parts.compressor(u, size * y, plant.Ts)
-    gains, status = parts.answer(
-        np.concatenate([features, whole]), np.concatenate([theta, theta[:1]])
-    )
+    theta = np.concatenate([theta, theta[:1]])
+    gains, status = parts.answer(np.concatenate([features, whole]), theta)
     beside = [list(plant.prior).index(name) for name in plant.shown_names]
     return {
         "rows": str(_PLANTS), "tolerance": f"{_TOLERANCE:g}", "features": literals.table(features),
         "wanted": literals.table(gains), "status": ", ".join(map(str, status)),
         "samples": str(SAMPLES), "hold": str(HOLD), "size": literals.number(size),
         "decay": literals.number(decay), "rise": literals.number(1 - decay),
-        **_golden_measured(np.concatenate([theta, theta[:1]])[:, beside]),
+        **_golden_measured(theta[:, beside]),
     }  # fmt: skip
 
 
