@@ -84,14 +84,17 @@ def trained(case):
 @cache
 def faulty(case):
     """Recordings of plants, some of them of nothing that there is."""
-    found = data.recorded(trained(case).plant, "test", 0, 200)
+    plant = trained(case).plant
+    found = data.recorded(plant, "test", 0, 200)
     y = found.y.copy()
     y[1], y[2] = 0.0, 1e7 * y[2]
     y[3, 50], y[4, -1] = np.nan, np.inf
     u = np.array(np.broadcast_to(found.u, y.shape))
     if len(found.u) > 1:
         u[5] = 0.0
-    return (u if len(found.u) > 1 else found.u), y, found.theta
+    theta = found.theta.copy()
+    theta[6, [i for i, name in enumerate(plant.prior) if name in plant.measured]] = np.nan
+    return (u if len(found.u) > 1 else found.u), y, theta
 
 
 def beside(plant, theta):
@@ -285,6 +288,8 @@ def test_json_is_always_possible(tmp_path):
     assert content["signals"] == {"input": "u", "output": "y"} and content["target"] is None
     export(Gains({"kp": np.nan, "Ti": np.nan}, limits=None), "json", path)
     assert json.loads(path.read_text())["gains"] == {"kp": None, "Ti": None}
+    export(Gains({"kp": 1.0, "Ti": 1.0}, target=Target(controller="printed")), "json", path)
+    assert json.loads(path.read_text())["target"]["controller"] == "printed"
     export(result("loop"), "json", path)
     assert json.loads(path.read_text())["target"]["crossover"] == dc_motor.target.crossover
 
@@ -292,12 +297,12 @@ def test_json_is_always_possible(tmp_path):
 def test_controllers_that_cannot_be_written_are_refused(tmp_path):
     printed = Gains({"kp": 1.0, "Ti": 1.0}, target=Target(controller="printed"))
     for source, limits, message in [
-        (result("measured"), (-1.0, 1.0), "gains Kc, Ti, Td are not a PI's.*target json"),
+        (result("measured"), (-1.0, 1.0), "gains Kc, Ti, Td are not a PI's kp and Ti.*target json"),
         (result("loop"), None, r"needs the limits of voltage \[V\]: .*--limits.*target json"),
         (result("loop"), (2.0, 1.0), r"low below high.* in V\."),
         (result("loop"), (1.0,), "must be two numbers"),
         (result("loop"), ("a", 1.0), "low = 'a' is not a number"),
-        (printed, (-1.0, 1.0), "'printed', no PI.*target json"),
+        (printed, (-1.0, 1.0), "'printed' is no PI.*target json"),
     ]:
         for target in ("c", "matlab"):
             with pytest.raises(ValueError, match=message):

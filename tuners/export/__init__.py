@@ -109,7 +109,7 @@ def export(
         return _write_all(where, c_source(gains.pi(Ts, limits), real=real))
     if target == "matlab":
         text = matlab_script(gains.pi(Ts, limits))
-    elif limits is None and gains.limits is None:
+    elif limits is None and (gains.limits is None or gains.refusal):
         text = gains_text(gains, Ts)
     else:
         text = json_text(gains.pi(Ts, limits))

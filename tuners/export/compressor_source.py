@@ -14,12 +14,10 @@ import yawrate_env
 from tuners.compressors.laguerre import Laguerre
 from tuners.compressors.response import FrequencyResponse
 from tuners.export import literals
+from tuners.export.golden import GoldenSignals
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
-
-SAMPLES, HOLD = 12_000, 60
-"""Of the test programs' signals."""
 
 _TOLERANCE = 1e-8  # of the largest feature: the equations lose half of the digits
 
@@ -207,28 +205,17 @@ static const double FEATURES[${guard}_FEATURES] = {
 $golden
 };
 
+$record
 int main(void)
 {
     ${name}_state state;
     double features[${guard}_FEATURES];
-    uint32_t bits = 1u;
-    double input = 0.0;
-    double y = 0.0;
     int failures = (sizeof state == ${bytes}u) ? 0 : 1;
-    long k;
     int i;
 
     ${name}_start(&state);
     failures += 1 - ${name}_solve(&state, features); /* without excitation it must say so */
-    ${name}_start(&state);
-    for (k = 0; k < $samples; k++) {
-        y = ($decay * y) + ($rise * input);
-        if ((k % $hold) == 0) {
-            bits = (1664525u * bits) + 1013904223u;
-            input = ((bits >> 31) != 0u) ? 0.02 : -0.02;
-        }
-        ${name}_sample(&state, input, y);
-    }
+    record(&state);
     failures += ${name}_solve(&state, features);
     for (i = 0; i < ${guard}_FEATURES; i++) {
         if (!(fabs(features[i] - FEATURES[i]) <= TOLERANCE)) {
@@ -264,16 +251,15 @@ def compressor_source(
     validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
     literals.check_name(name)
     n, a = compressor.order, float(np.exp(-compressor.pole * Ts))
-    decay = golden_decay(compressor.pole, Ts)
-    golden = compressor(*golden_signals(decay), Ts)[0][0]
+    test = GoldenSignals.of(compressor.pole, Ts)
+    golden = compressor(*test(), Ts)[0][0]
     words = {
         "version": yawrate_env.__version__, "name": name, "guard": name.upper(),
         "order": str(n), "pole": f"{compressor.pole:.9g}", "Ts": f"{Ts:.9g}",
         "width": str(len(golden)), "bytes": str(state_size(n)), "stack": str(stack_size(n)),
         "a": literals.number(a), "gain": literals.number(np.sqrt(1 - a * a)),
         "tolerance": f"{_TOLERANCE * np.abs(golden).max():.3g}",
-        "golden": literals.rows(golden), "samples": str(SAMPLES), "hold": str(HOLD),
-        "decay": literals.number(decay), "rise": literals.number(1 - decay),
+        "golden": literals.rows(golden), "record": test.source(name),
         "features": "Coefficients", "head": f"int {name}_solve",
         **dict(zip(("input", "output"), map(literals.comment, signals), strict=True)),
     }  # fmt: skip
@@ -303,24 +289,6 @@ def constant_size(compressor: Laguerre | FrequencyResponse) -> int:
     if isinstance(compressor, Laguerre):
         return 8 * 3
     return 8 * (4 + 2 * compressor.order * compressor.points)
-
-
-def golden_decay(pole: float, Ts: float) -> float:
-    """Of a lag that the functions explain, but none of them alone."""
-    return float(np.exp(-0.7 * pole * Ts))
-
-
-def golden_signals(decay: float) -> tuple[Array, Array]:
-    """Input and output (1, N) that the test program makes too: random bits, first order."""
-    u, y = np.zeros((2, 1, SAMPLES))
-    bits, command, output = 1, 0.0, 0.0
-    for k in range(SAMPLES):
-        output = decay * output + (1 - decay) * command
-        if k % HOLD == 0:
-            bits = (1664525 * bits + 1013904223) % 2**32
-            command = 0.02 if bits >> 31 else -0.02
-        u[0, k], y[0, k] = command, output
-    return u, y
 
 
 def _response_words(compressor: FrequencyResponse, Ts: float) -> dict[str, str]:

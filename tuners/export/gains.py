@@ -80,7 +80,8 @@ class Gains:
             values = {name: _number(value) for name, value in content["gains"].items()}
             plant = content["plant"]
             target = None if plant["target"] is None else Target(**plant["target"])
-            Ts, (first, second) = plant["Ts"] if target is None else target.Ts, plant["signals"]
+            Ts = float(plant["Ts"]) if target is None else target.Ts
+            first, second = plant["signals"]
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise ValueError(
                 f"{path} is no answer of `yawrate tune --json` ({type(error).__name__}: {error}). "
@@ -88,18 +89,19 @@ class Gains:
             ) from None
         return cls(values, Ts, (first, second), None, target, trusted)
 
+    @property
+    def refusal(self) -> str:
+        """Why no controller is written for them; empty where one can be."""
+        instead = "no other controller is written. Export the gains to target json, without limits."
+        if set(self.values) != set(GAINS):
+            return f"gains {', '.join(self.values)} are not a PI's kp and Ti, and {instead}"
+        form = "pi" if self.target is None else self.target.controller
+        return "" if form == "pi" else f"controller {form!r} is no PI, and {instead}"
+
     def pi(self, Ts: float | None = None, limits: Limits | None = None) -> DigitalPI:
         """The controller, or ``ValueError`` where the gains are no PI's or its limits unknown."""
-        if set(self.values) != set(GAINS):
-            raise ValueError(
-                f"gains {', '.join(self.values)} are not a PI's, which are called kp and Ti, and "
-                "no other controller is written. Export them to target json, without limits."
-            )
-        if self.target is not None and self.target.controller != "pi":
-            raise ValueError(
-                f"the loop's controller is {self.target.controller!r}, no PI, and no other is "
-                "written. Export its gains to target json, without limits."
-            )
+        if self.refusal:
+            raise ValueError(self.refusal)
         values = *(self.values[name] for name in GAINS), self.sampling(Ts), *self._limits(limits)
         names = "kp", "Ti", "Ts", "low", "high"
         kp, Ti, Ts, low, high = map(validation.number, names, values)

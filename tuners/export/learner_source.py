@@ -218,7 +218,7 @@ def decode_source(coordinates: Coordinates) -> str:
     codes = {name: str(int(status)) for name, status in CODES.items()}
     target = coordinates.target
     if target is None:
-        log = coordinates == LOG
+        log = coordinates.decode is LOG.decode
         what, gain = ("logarithms", "exp(values[i])") if log else ("themselves", "values[i]")
         return _EACH.substitute(codes, what=what, gain=gain)
     return _LOOP.substitute(

@@ -208,7 +208,7 @@ def _decode(graph: Graph, values: str, X: str, plant: Plant) -> None:
         found = graph.apply("And", found, graph.apply("Greater", columns[1], into(-np.pi / 2)))
         phase = graph.apply("Where", leads, into(-LEAST_LAG), columns[1])
         columns = _controller(graph, columns[0], phase, target)
-    elif plant.coordinates == LOG:
+    elif plant.coordinates.decode is LOG.decode:
         columns = [graph.apply("Exp", column) for column in columns]
     for gain in columns:
         for bound in (graph.apply("Greater", gain, zero), graph.apply("Less", gain, into(np.inf))):

@@ -113,7 +113,7 @@ class Parts:
 
     def _check(self) -> None:
         coordinates, beside = self.plant.coordinates, self.plant.shown_names
-        if coordinates.target is None and coordinates not in (LOG, PLAIN):
+        if coordinates.target is None and coordinates.decode not in (LOG.decode, PLAIN.decode):
             raise ValueError(
                 "the plant's coordinates are its own, and their decode is Python that no other "
                 "program knows. Export with plants.LOG or plants.loop(target), or use the tuner "

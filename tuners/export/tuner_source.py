@@ -13,15 +13,12 @@ from numpy.typing import NDArray
 import yawrate_env
 from tuners.export import literals
 from tuners.export.compressor_source import (
-    HOLD,
-    SAMPLES,
     compressor_source,
     constant_size,
-    golden_decay,
-    golden_signals,
     stack_size,
     state_size,
 )
+from tuners.export.golden import GoldenSignals
 from tuners.export.learner_source import (
     CODES,
     check_learner,
@@ -183,17 +180,14 @@ static int differs(int row, int status, const double gains[GAINS])
     return result;
 }
 
+$record
 int main(void)
 {
     ${first}_state state;
     double gains[GAINS];
-    uint32_t bits = 1u;
-    double input = 0.0;
-    double y = 0.0;
     int failures = 0;
     int row;
     int status;
-    long k;
 
     for (row = 0; row < COUNT; row++) {
         status = ${name}_gains(FEATURES[row], ${each}gains);
@@ -201,15 +195,7 @@ int main(void)
     }
     ${first}_start(&state);
     failures += (${name}_solve(&state, ${last}gains) == $unreachable) ? 0 : 1; /* no input */
-    ${first}_start(&state);
-    for (k = 0; k < $samples; k++) {
-        y = ($decay * y) + ($rise * input);
-        if ((k % $hold) == 0) {
-            bits = (1664525u * bits) + 1013904223u;
-            input = ((bits >> 31) != 0u) ? 0.02 : -0.02;
-        }
-        ${first}_sample(&state, input, $size * y);
-    }
+    record(&state);
     status = ${name}_solve(&state, ${last}gains);
     failures += differs(COUNT, status, gains);
     return (failures == 0) ? 0 : 1;
@@ -241,7 +227,7 @@ def tuner_source(
         **first_stage_source(tuner, name=first),
         f"{name}.h": _HEADER.substitute(words),
         f"{name}.c": _SOURCE.substitute(words),
-        f"{name}_test.c": _TEST.substitute(words | _golden(parts)),
+        f"{name}_test.c": _TEST.substitute(words | _golden(parts, first)),
     }
 
 
@@ -284,25 +270,23 @@ def _shown(parts: Parts, i: int) -> str:
     return f"    x[{parts.features + i}] = {value}; /* {literals.comment(name)} */\n"
 
 
-def _golden(parts: Parts) -> dict[str, str]:
+def _golden(parts: Parts, first: str) -> dict[str, str]:
     """Features of plants, some far from any, and the signals of the first stage's test program."""
     plant, theta = parts.plant, sample(parts.plant, _PLANTS)
     outputs = plant.respond(theta)
     features, _ = parts.compressor(plant.u[None], outputs, plant.Ts)
     features[-1, 0], features[-2] = np.nan, -features[-2]
     features[-4:-2] *= [[3.0], [30.0]]
-    decay = golden_decay(parts.compressor.pole, plant.Ts)
     size = float(np.linalg.norm(outputs[0]) / np.linalg.norm(plant.u))
-    u, y = golden_signals(decay)
-    whole, _ = parts.compressor(u, size * y, plant.Ts)
+    test = GoldenSignals.of(parts.compressor.pole, plant.Ts, size)
+    whole, _ = parts.compressor(*test(), plant.Ts)
     theta = np.concatenate([theta, theta[:1]])
     gains, status = parts.answer(np.concatenate([features, whole]), theta)
     beside = [list(plant.prior).index(name) for name in plant.shown_names]
     return {
         "rows": str(_PLANTS), "tolerance": f"{_TOLERANCE:g}", "features": literals.table(features),
         "wanted": literals.table(gains), "status": ", ".join(map(str, status)),
-        "samples": str(SAMPLES), "hold": str(HOLD), "size": literals.number(size),
-        "decay": literals.number(decay), "rise": literals.number(1 - decay),
+        "record": test.source(first),
         **_golden_measured(theta[:, beside]),
     }  # fmt: skip
 

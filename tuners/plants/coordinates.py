@@ -26,14 +26,17 @@ class Coordinates:
     names : callable, optional
         What they are called in data sets, from the gains' names; ``coordinate_1``, ... if
         not given.
-    target : Target, optional
-        The loop whose controller they describe, if they are those of `loop`.
     """
 
     encode: Callable[[Array], Array]
     decode: Callable[[Array], Array]
     names: Callable[[Names], Names] | None = None
-    target: Target | None = None
+
+    @property
+    def target(self) -> Target | None:
+        """The loop whose controller they describe, where they are those of `loop`."""
+        owner = getattr(self.decode, "__self__", None)
+        return owner.target if isinstance(owner, _Loop) else None
 
 
 def _log(gains: Array) -> Array:
@@ -74,7 +77,7 @@ def loop(target: Target) -> Coordinates:
     (`tuners.coordinates`).
     """
     at = _Loop(target)
-    return Coordinates(at.encode, at.decode, at.names, target)
+    return Coordinates(at.encode, at.decode, at.names)
 
 
 @dataclass(frozen=True, slots=True)
