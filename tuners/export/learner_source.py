@@ -15,8 +15,8 @@ from tuners.learners.feedforward import FeedForward
 from tuners.learners.gbm import GBM
 from tuners.learners.trend import Trend
 from tuners.plants.coordinates import LOG, Coordinates
+from yawrate_env import controller
 from yawrate_env.design import LEAST_LAG, Status
-from yawrate_env.task import Target
 
 _NETWORK = Template("""\
 #define INPUTS $inputs
@@ -135,7 +135,7 @@ _QUADRATIC = """\
 """
 
 _EACH = Template("""\
-/* Gains from $what; 0. */
+/* Gains $what; $ok. */
 static int decode(const double values[OUTPUTS], double gains[OUTPUTS])
 {
     int i;
@@ -219,11 +219,11 @@ def decode_source(coordinates: Coordinates) -> str:
     target = coordinates.target
     if target is None:
         log = coordinates.decode is LOG.decode
-        what, gain = ("logarithms", "exp(values[i])") if log else ("themselves", "values[i]")
+        what, gain = ("from logarithms", "exp(values[i])") if log else ("as they are", "values[i]")
         return _EACH.substitute(codes, what=what, gain=gain)
     return _LOOP.substitute(
         codes,
-        omega=literals.number(_warped(target)),
+        omega=literals.number(controller.warped(target)),
         least=literals.number(-LEAST_LAG),
         lowest=literals.number(-np.pi / 2),
         **_FORMS[target.controller],
@@ -250,7 +250,3 @@ def _network_words(network: FeedForward) -> dict[str, str]:
         "out_middle": literals.rows(network.outputs.middle),
         "out_half": literals.rows(network.outputs.half),
     }  # fmt: skip
-
-
-def _warped(target: Target) -> float:
-    return 2 / target.Ts * float(np.tan(target.omega_c * target.Ts / 2))

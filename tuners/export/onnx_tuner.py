@@ -34,6 +34,7 @@ from tuners.learners.gbm import GBM
 from tuners.learners.trend import Trend
 from tuners.plants.coordinates import LOG
 from tuners.plants.plant import Plant
+from yawrate_env import controller
 from yawrate_env.design import LEAST_LAG, Status
 from yawrate_env.task import Target
 
@@ -220,7 +221,7 @@ def _decode(graph: Graph, values: str, X: str, plant: Plant) -> None:
 
 def _controller(graph: Graph, log_magnitude: str, phase: str, target: Target) -> list[str]:
     """`yawrate_env.controller.gains` in a graph, with the sine and cosine of the phase."""
-    omega = graph.constant(2 / target.Ts * np.tan(target.omega_c * target.Ts / 2))
+    omega = graph.constant(controller.warped(target))
     magnitude, cos = graph.apply("Exp", log_magnitude), graph.apply("Cos", phase)
     tangent = graph.apply("Neg", graph.apply("Div", graph.apply("Sin", phase), cos))
     if target.controller == "pi":
