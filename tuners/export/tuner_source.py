@@ -45,8 +45,8 @@ _HEADER = Template("""\
  * The recording starts from rest and has no offsets.  Whether its gains can be trusted is
  * not asked here: `yawrate tune` does that.
  *
- * However many samples: a state of $bytes bytes, $constants bytes of constants, and about
- * $stack bytes of stack.
+ * It takes $least samples or more, and however many: a state of $bytes bytes,
+ * $constants bytes of constants, and about $stack bytes of stack.
  */
 #ifndef ${guard}_H
 #define ${guard}_H
@@ -251,6 +251,7 @@ def _words(parts: Parts, name: str, first: str) -> dict[str, str]:
         "version": yawrate_env.__version__, "name": name, "first": first, "guard": guard,
         "upper": first.upper(), "gains": names, "input": input_, "output": output,
         "Ts": f"{plant.Ts:.9g}", "count": str(len(plant.gains)), "all": str(parts.width),
+        "least": str(10 * order),
         "bytes": str(state_size(order)), "stack": str(stack_size(order) + 8 * own),
         "constants": str(constant_size(parts.compressor) + learner_size(learner)),
         "learner": learner_source(learner), "decode": decode_source(plant.coordinates),
