@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -15,6 +15,9 @@ from tuners.plants.names import valued
 from tuners.plants.plant import Plant
 from tuners.plants.result import PlantResult
 from tuners.words import best, between, every
+
+if TYPE_CHECKING:
+    from tuners.plants import PlantTuner
 
 VALIDATION = 300
 
@@ -45,9 +48,7 @@ def tune(
     tuner: str, log: Path, options: PlantOptions, start: str, machine: bool, report: Path | None
 ) -> bool:
     """Print the gains for a plant's log; returns whether they are trusted."""
-    from tuners.plants import load
-
-    trained = load(tuner)
+    trained = loaded(tuner)
     recording = read_log(log, trained.plant, options)
     Ts, length = recording.Ts, len(trained.plant.u) * trained.plant.Ts
 
@@ -85,9 +86,16 @@ def is_plants(tuner: str) -> bool:
     return tuner.endswith(SUFFIX) and Path(tuner).is_file() and read(tuner)[0]["kind"] == "plant"
 
 
+def loaded(tuner: str) -> "PlantTuner":
+    """A plant's tuner from its file."""
+    from tuners.plants import load
+
+    return load(tuner)
+
+
 def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
     """Everything about an answer, in plain JSON values; ``null`` where there is no number."""
-    fit = result.fit
+    fit, plant = result.fit, result.plant
     values: dict[str, Any] = plain(
         {
             "gains": result.gains,
@@ -99,6 +107,12 @@ def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
             "parameters": result.parameters,
             "checks": [asdict(check) | {"passed": check.passed} for check in result.checks],
             "tuner": tuner,
+            "plant": {
+                "entry": plant.entry,
+                "signals": plant.signals,
+                "Ts": plant.Ts,
+                "target": plant.coordinates.target and asdict(plant.coordinates.target),
+            },
             "log": {
                 "file": log.source,
                 "start": log.t0,
