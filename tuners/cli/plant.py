@@ -11,6 +11,7 @@ import numpy as np
 from tuners.cli.answer import plain
 from tuners.cli.hints import Array, Trial, hints
 from tuners.plants.log import PlantLog, PlantOptions, read_log
+from tuners.plants.names import valued
 from tuners.plants.plant import Plant
 from tuners.plants.result import PlantResult
 from tuners.words import best, between, every
@@ -53,9 +54,7 @@ def tune(
     tuner: str, log: Path, options: PlantOptions, start: str, machine: bool, report: Path | None
 ) -> bool:
     """Print the gains for a plant's log; returns whether they are trusted."""
-    from tuners.plants import load
-
-    trained = load(tuner)
+    trained = loaded(tuner)
     recording = read_log(log, trained.plant, options)
     Ts, length = recording.Ts, len(trained.plant.u) * trained.plant.Ts
 
@@ -93,9 +92,16 @@ def is_plants(tuner: str) -> bool:
     return tuner.endswith(SUFFIX) and Path(tuner).is_file() and read(tuner)[0]["kind"] == "plant"
 
 
+def loaded(tuner: str) -> "PlantTuner":
+    """A plant's tuner from its file."""
+    from tuners.plants import load
+
+    return load(tuner)
+
+
 def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
     """Everything about an answer, in plain JSON values; ``null`` where there is no number."""
-    fit = result.fit
+    fit, plant = result.fit, result.plant
     values: dict[str, Any] = plain(
         {
             "gains": result.gains,
@@ -107,6 +113,12 @@ def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
             "parameters": result.parameters,
             "checks": [asdict(check) | {"passed": check.passed} for check in result.checks],
             "tuner": tuner,
+            "plant": {
+                "entry": plant.entry,
+                "signals": plant.signals,
+                "Ts": plant.Ts,
+                "target": plant.coordinates.target and asdict(plant.coordinates.target),
+            },
             "log": {
                 "file": log.source,
                 "start": log.t0,
@@ -152,6 +164,6 @@ def _because(result: PlantResult, reason: str) -> str:
 
 def described(log: PlantLog) -> str:
     """One line about a log."""
-    beside = "".join(f", {name} {value:.4g}" for name, value in log.measured.items())
+    beside = "".join(f", {valued(*measured)}" for measured in log.measured.items())
     end = log.t0 + log.duration
     return f"{log.source}: {log.t0:.2f} to {end:.2f} s, {every(log.Ts)}{beside}"
