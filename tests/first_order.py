@@ -63,3 +63,9 @@ gauged = described(
     black_box=Laguerre(6, 3.0),
     entry="first_order:gauged",
 )
+lone = described(
+    prior={"K": (0.5, 2.0), "T": (0.5, 0.5)},
+    design=lambda theta: design(theta)[:, :1],
+    gains=("kp",),
+    entry="first_order:lone",
+)

@@ -4,10 +4,13 @@ import gymnasium
 import minari
 import numpy as np
 import pytest
+from first_order import described, gauged
+from first_order import plant as first_order
 
 from tuners.data import BEHAVIOURS, DatasetError, export_minari
 from tuners.data.minari_export import _buffers
-from yawrate_env import ENV_ID, FEATURES_ID
+from tuners.plants.data import recorded
+from yawrate_env import ENV_ID, FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.design import Status
 from yawrate_env.judge import Judge
@@ -90,6 +93,77 @@ def test_a_larger_export_begins_with_the_smaller_one():
     for a, b in zip(small, large[:10], strict=True):
         np.testing.assert_array_equal(a.actions, b.actions)
         np.testing.assert_allclose(a.observations, b.observations, rtol=0, atol=1e-6)
+
+
+# --- any other plant
+
+
+def exported(episodes=40, plant="first_order:gauged", **kwargs):
+    return export_minari("plant/mixture-v0", episodes, 3, plant=plant, **kwargs)
+
+
+@pytest.mark.parametrize("raw, name", [(False, PLANT_FEATURES_ID), (True, PLANT_ID)])
+def test_a_plants_episodes_are_its_environments(raw, name):
+    exported(raw=raw)
+    dataset = minari.load_dataset("plant/mixture-v0")
+    env = dataset.recover_environment()
+    assert env.spec.id == name and env.spec.kwargs == {"plant": "first_order:gauged"}
+    assert env.unwrapped.plant is gauged
+    rows = recorded(gauged, "train", 3, 40)  # those of the data set with this seed
+    options = dataset.storage.get_episode_metadata(range(40))
+    for episode, metadata in zip(dataset.iterate_episodes(), options, strict=True):
+        pins = metadata["options"]
+        assert list(pins.values()) == rows.theta[episode.id].tolist()
+        shown, _ = env.reset(seed=int(episode.id), options=pins)
+        assert episode.observations.shape == (2, *shown.shape)
+        np.testing.assert_array_equal(episode.observations[0], episode.observations[1])
+        assert env.observation_space.contains(episode.observations[0])
+        assert env.action_space.contains(episode.actions[0])
+        if raw:
+            expected = rows.y[episode.id].astype(np.float32)
+            np.testing.assert_array_equal(episode.observations[0][1], expected)
+        _, reward, terminated, truncated, info = env.step(episode.actions[0])
+        assert episode.rewards[0] == pytest.approx(reward, abs=1e-12) and not info["clipped"]
+        assert [terminated, truncated] == [True, False]
+
+
+def test_behaviours_act_on_a_plant_in_turn():
+    episodes = list(exported(80).iterate_episodes())
+    rewards = np.array([episode.rewards[0] for episode in episodes])
+    actions = np.array([episode.actions[0] for episode in episodes])
+    means = [rewards[k::4].mean() for k in range(4)]  # uniform, perturbed, nominal, oracle
+    assert means[0] < means[2] < means[1] < means[3]
+    assert rewards[3::4].min() > -1e-4  # single precision
+    assert (actions[2::4] == actions[2]).all()
+
+
+def test_a_plant_with_one_gain_has_one_action():
+    dataset = exported(8, "first_order:lone")
+    assert {episode.actions.shape for episode in dataset.iterate_episodes()} == {(1, 1)}
+
+
+def test_plants_without_gains_are_acted_on_as_the_nominal_one():
+    def partly(theta):
+        return np.where(theta[:, :1] > 1.6, np.nan, first_order.design(theta))
+
+    env = gymnasium.make(PLANT_FEATURES_ID, plant=described(design=partly))
+    buffers = list(_buffers(env, 60, 3, TRAIN, ("nominal", "oracle"), None))
+    without = [buffer for buffer in buffers[1::2] if buffer.options["K"] > 1.6]
+    assert without and all((buffer.actions == buffers[0].actions).all() for buffer in without)
+
+
+@pytest.mark.parametrize(
+    "kwargs, message",
+    [
+        ({"plant": described(entry="")}, 'must find its plant again: give the plant entry="'),
+        ({"plant": "gone:plant"}, "no module 'gone'"),
+        ({"contexts": CONTEXT_SETS["extrapolation"]}, "has vehicles of its own"),
+    ],
+)
+def test_plants_that_cannot_be_exported_are_refused(kwargs, message, root):
+    with pytest.raises(ValueError, match=message):
+        exported(**kwargs)
+    assert list(root.iterdir()) == []
 
 
 def test_progress():

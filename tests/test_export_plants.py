@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -22,6 +23,7 @@ from tuners.compressors.response import FrequencyResponse
 from tuners.coordinates import decode
 from tuners.export import Gains, export, tuner_source
 from tuners.export.onnx_tuner import onnx_model
+from tuners.learners.agent import Actor, Agent
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
@@ -60,6 +62,21 @@ def sloped(**changes):
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Acting:
+    """Agents that learned nothing."""
+
+    hidden: str
+    squashed: bool
+
+    def fit(self, X, T, X_val, T_val, random_state, progress=None):
+        widths, rng = (X.shape[1], 7, 7, T.shape[1]), np.random.default_rng(random_state)
+        pairs = zip(widths[1:], widths, strict=False)
+        layers = [(rng.normal(size=(a, b)) / 2, rng.normal(size=a) / 2) for a, b in pairs]
+        actor = Actor(layers, self.hidden, self.squashed)
+        return Agent(actor, X.mean(axis=0), X.std(axis=0), T.min(axis=0), T.max(axis=0))
+
+
 RESPONSE = FrequencyResponse(order=8, pole=40.0, low=2.0, high=30.0, points=5)
 CASES = {
     "logarithms": (described(), LAGUERRE, SMALL),
@@ -68,9 +85,13 @@ CASES = {
     "loop": (dc_motor.plant, Laguerre(6, 40.0), TrendSettings(SMALL)),
     "frequency response": (dc_motor.plant, RESPONSE, SMALL),
     "trees": (sloped(), LAGUERRE, TrendSettings(TREES)),
+    "agent": (sloped(), LAGUERRE, Acting("relu", True)),
+    "agent, clipped": (dc_motor.plant, Laguerre(6, 40.0), Acting("tanh", False)),
     "inputs": (described(simulate=simulate, excite=registers), LAGUERRE, SMALL),
 }
-NETWORKS = [name for name in CASES if name != "trees"]
+SINGLE = "trees", "agent", "agent, clipped"
+"""In single precision."""
+NETWORKS = [name for name in CASES if name not in SINGLE]
 
 
 @cache
@@ -124,7 +145,7 @@ def test_a_tuner_as_a_graph_gives_pythons_gains(case):
     tuner, (u, y, theta) = trained(case), faulty(case)
     plant, expected = tuner.plant, tuner.gains(u, y, theta)
     output = plant.signals[1].partition(" [")[0]
-    rtol = 1e-5 if case == "trees" else RTOL  # these are in single precision
+    rtol = 1e-5 if case in SINGLE else RTOL
     found = ran(onnx_model(tuner), plant, **{output: y}, **beside(plant, theta))
     assert_equal(found[0], expected, found[1], rtol)
     one = ran(onnx_model(tuner), plant, **{output: y[:1]}, **beside(plant, theta[:1]))
@@ -140,7 +161,7 @@ def test_a_graph_from_features_does_so_for_any_input(case):
     expected = tuner.gains(u, y, theta)
     if case == "inputs":  # that of zeros has features, and only the first stage knows
         expected[5] = gains[5]
-    assert_equal(gains, expected, status, 1e-5 if case == "trees" else RTOL)
+    assert_equal(gains, expected, status, 1e-5 if case in SINGLE else RTOL)
 
 
 @pytest.mark.parametrize("case", NETWORKS)
@@ -240,6 +261,7 @@ def test_what_cannot_be_exported_says_why_and_what_can(tmp_path):
         (of(Armax(0.08)), "onnx", "its first stage is Armax, which is not linear.*Export"),
         (of(learner=TREES), "c", r"trees are not written in C.*features=True \(--features\)"),
         (trained("trees"), "c", "trees are not written in C"),
+        (trained("agent"), "c", "agent is not written in C.*target onnx"),
         (trained("inputs"), "onnx", r"an input of its own.*features=True \(--features\)"),
         (of(signals=("u", "kp")), "onnx", "'kp' would be the name of two tensors.*Rename"),
         (Nominal(Task()), "c", "it is no two-stage tuner.*Export"),

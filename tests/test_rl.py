@@ -13,8 +13,10 @@ from tuners import rl_training
 from tuners.compressors.laguerre import Laguerre
 from tuners.evaluation import evaluate
 from tuners.feature_map import FeatureMap
-from tuners.rl import ALGORITHMS, Actor, RLTuner, Training
-from tuners.rl_training import Run, _actor, _Average
+from tuners.learners.agent import Actor
+from tuners.rl import ALGORITHMS, RLTuner, Training
+from tuners.rl_training import _actor, _Average, of_vehicles
+from tuners.yaw_rate import yaw_rate
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.design import Design
 from yawrate_env.judge import Judge
@@ -97,7 +99,7 @@ def test_a_seed_gives_the_same_agent_again_and_another_another(algorithm):
 def test_agents_of_other_seeds_see_other_episodes():
     seen = []
     for seed in range(3):
-        run = Run(SHORT, settings(seed=seed), None, None)
+        run = of_vehicles(SHORT, settings(seed=seed), None, None)
         run.env.reset()
         seen += run.env.env.unwrapped.np_random_seed
     assert len(set(seen)) == 3 * 16
@@ -193,11 +195,11 @@ def test_a_resumed_training_goes_on_where_it_was(algorithm, tmp_path):
     files -= {"checkpoint.buffer.pkl"} if algorithm == "ppo" else set()
     assert {path.name for path in tmp_path.iterdir()} == files
 
-    run = Run(SHORT, settings(algorithm, 576), None, checkpoint)
+    run = of_vehicles(SHORT, settings(algorithm, 576), None, checkpoint)
     assert run.model.num_timesteps == 528 and run.average.batches == 33
     if algorithm != "ppo":
         assert run.model.replay_buffer.size() == 32  # the batch of the checkpoint is lost
-    fresh = Run(SHORT, settings(algorithm, 576), None, None)
+    fresh = of_vehicles(SHORT, settings(algorithm, 576), None, None)
     assert not seeds_of(run) & seeds_of(fresh)  # never the same episodes twice
 
     found = trained(algorithm, episodes=576, checkpoint=checkpoint, at=(16, 528, 544))
@@ -231,7 +233,7 @@ def test_other_files_are_no_checkpoints(tmp_path):
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_the_arrays_act_as_the_model_does(algorithm):
-    run = Run(SHORT, settings(algorithm), None, None)
+    run = of_vehicles(SHORT, settings(algorithm), None, None)
     run.learn((), None)
     features = np.random.default_rng(0).normal(size=(20, 10)).astype(np.float32)
     expected, _ = run.model.predict(features, deterministic=True)
@@ -317,7 +319,7 @@ def test_an_unusable_recording_is_said_to_be(agent):
 def test_speeds_can_be_a_feature(tmp_path):
     kwargs = {"v_x": [10.0, 30.0], "visible": "speed"}
     (_, found), *_ = trained("ppo", episodes=256, kwargs=kwargs)
-    assert found.features.visible == ("v_x",)
+    assert found.visible == ("v_x",)
     found.save(tmp_path / "rl.tuner")
     again = tuners.load(tmp_path / "rl.tuner")
     given = recorded(2)
@@ -342,7 +344,7 @@ SHIPPED = ROOT / "tuners" / "models" / "rl.tuner"
 @pytest.mark.parametrize("path", [SHIPPED] if SHIPPED.exists() else [])
 def test_the_shipped_agent_keeps_its_features(path):
     tuner = tuners.load("rl")
-    features = FeatureMap.of(tuner.task, Laguerre())
+    features = FeatureMap.of(yaw_rate(tuner.task), Laguerre())
     np.testing.assert_allclose(tuner.features.mean, features.mean, rtol=1e-6)
     np.testing.assert_allclose(tuner.features.scale, features.scale, rtol=1e-6)
     actions, _ = tuner.predict(observations(recorded(20)))

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from first_order import lone
 from recordings import ROOT
 
 import tuners
@@ -84,6 +85,18 @@ def test_train_writes_a_tuner_that_evaluate_takes(tmp_path):
     assert (tmp_path / "r.csv").read_text().splitlines()[1].startswith("my.tuner,0,")
 
 
+def test_train_writes_an_agent_for_a_plant(tmp_path):
+    out = tmp_path / "my.tuner"
+    done = run("train", "rl", "--plant", "first_order:lone", "--episodes", 64, "--algorithm", "ppo",
+               "--calibration", 50, "--out", out, cwd=ROOT / "tests")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    said, accuracy = done.stdout.splitlines()
+    assert said.startswith(f"{out}: rl") and "relative error of kp" in accuracy
+    assert "(bound" in accuracy and "without stable loop" in accuracy
+    found = tuners.plants.load(out, lone)
+    assert found.training["algorithm"] == "ppo" and found.training["calibration"] == 50
+
+
 GOOD = {"--tuner": "nominal", "--episodes": "2", "--out": "rows.csv"}
 WRONG_EVALUATIONS = {
     "unknown tuner": ({"--tuner": "pidtune"}, "tuner = 'pidtune' is unknown"),
@@ -106,6 +119,12 @@ WRONG_EVALUATIONS = {
 WRONG_TRAININGS = {
     "not trained": (["gb", "--out", "my.tuner"], "invalid choice: 'gb'"),
     "no name": (["--out", "my.tuner"], "required: name"),
+    "no agent": (["ts-ff", "--plant", "a:b", "--out", "my.tuner"], "--plant goes with rl"),
+    "vehicles' conditions": (
+        ["rl", "--plant", "a:b", "--env-kwargs", '{"v_x": 25}', "--out", "my.tuner"],
+        "without --env-kwargs",
+    ),
+    "no plant": (["rl", "--plant", "gone:plant", "--out", "my.tuner"], "no module 'gone'"),
     "too few": (["ts-ff", "--episodes", "20", "--out", "my.tuner"], "at least 50"),
     "absent folder": (["ts-ff", "--out", "absent/my.tuner"], "The folder absent does not exist"),
     "unreachable": (

@@ -17,9 +17,11 @@ from recordings import ROOT, recorded
 from tuners.compressors import compressor
 from tuners.compressors.armax import Armax
 from tuners.compressors.laguerre import Laguerre
-from tuners.feature_map import LIMIT, ActionMap, FeatureMap
+from tuners.feature_map import ActionMap, FeatureMap
+from tuners.learners.agent import LIMIT
 from tuners.recording import Recording
 from tuners.wrappers import Compressed, CompressedVector, LoopAction, LoopActionVector
+from tuners.yaw_rate import yaw_rate
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.judge import Judge
 from yawrate_env.task import Prior, Target, Task
@@ -241,6 +243,15 @@ def test_bad_actions_are_refused(action, message):
 # --- features
 
 
+def vehicles(first_stage, **kwargs):
+    return FeatureMap.of(yaw_rate(Task()), first_stage, **kwargs)
+
+
+def shown(recording, names=()):
+    """As a map takes it."""
+    return recording.u, recording.y, recording.Ts, recording.beside(names)
+
+
 @pytest.mark.parametrize("name", VARIANTS)
 def test_features_are_standardised_over_the_prior(name):
     obs, _ = batch(400, **VARIANTS[name]).reset(seed=0)
@@ -256,39 +267,39 @@ def test_features_are_standardised_over_the_prior(name):
 @pytest.mark.parametrize("first_stage", [Laguerre(), Armax()], ids=["laguerre", "armax"])
 def test_features_are_the_compressors(first_stage):
     given = recorded(6)
-    features, usable = (found := FeatureMap.of(Task(), first_stage))(given)
+    found = vehicles(first_stage)
+    features, usable = found(*shown(given))
     raw, _ = first_stage(given.u, given.y, given.Ts)
     assert usable.all() and features.dtype == np.float32
     np.testing.assert_allclose(features * found.scale + found.mean, raw, rtol=1e-5, atol=1e-7)
 
 
 def test_the_visible_context_is_appended():
-    given = recorded(6)
-    found = FeatureMap.of(Task(), Laguerre(), ("v_x", "mu_s", "M_delta"))
-    values, _ = found.raw(given)
+    given, names = recorded(6), ("v_x", "mu_s", "M_delta")
+    found = vehicles(Laguerre(), beside=lambda theta: theta[:, [2, 0, 1]])
+    values, _ = found.raw(*shown(given, names))
     assert values.shape == (6, 13)
-    for column, name in zip(values.T[-3:], ("v_x", "mu_s", "M_delta"), strict=True):
+    for column, name in zip(values.T[-3:], names, strict=True):
         np.testing.assert_array_equal(column, getattr(given.context, name))
-    np.testing.assert_array_equal(found(given)[0][:, 10], 0)  # one speed only
+    np.testing.assert_array_equal(found(*shown(given, names))[0][:, 10], 0)  # one speed only
+    untold = Recording(given.u, given.y, given.Ts, given.v_x)
     with pytest.raises(ValueError, match="must come with v_x, mu_s, M_delta"):
-        found(Recording(given.u, given.y, given.Ts, given.v_x))
-    speed_only = FeatureMap.of(Task(), Laguerre(), ("v_x",))
-    assert speed_only(Recording(given.u, given.y, given.Ts, given.v_x))[0].shape == (6, 11)
+        untold.beside(names)
+    np.testing.assert_array_equal(untold.beside(("v_x",)), given.v_x[:, None])
     with pytest.raises(ValueError, match="must come with v_x"):
-        speed_only(Recording(given.u, given.y, given.Ts))
+        Recording(given.u, given.y, given.Ts).beside(("v_x",))
 
 
 def test_unusable_recordings_give_zeros_and_say_so():
     given = recorded(2)
-    features, usable = FeatureMap.of(Task(), Laguerre())(
-        Recording(np.zeros_like(given.u), given.y, given.Ts)
-    )
+    features, usable = vehicles(Laguerre())(np.zeros_like(given.u), *shown(given)[1:])
     assert not usable.any() and not features.any()
 
 
 def test_outliers_are_clipped():
     given = recorded(2)
-    features, _ = FeatureMap.of(Task(), Laguerre())(Recording(given.u, 100 * given.y, given.Ts))
+    u, y, *rest = shown(given)
+    features, _ = vehicles(Laguerre())(u, 100 * y, *rest)
     assert np.abs(features).max() == LIMIT
 
 
@@ -296,12 +307,23 @@ def test_no_usable_features_at_all_is_an_error(monkeypatch):
     nothing = lambda self, u, y, Ts: (np.full((len(y), 6), np.nan), np.zeros(len(y), bool))  # noqa: E731
     monkeypatch.setattr(Armax, "__call__", nothing)
     with pytest.raises(ValueError, match="Armax finds no usable features"):
-        FeatureMap.of(Task(), Armax())
+        vehicles(Armax())
 
 
 def test_compressors_by_name():
     assert compressor("laguerre", order=8) == Laguerre(order=8)
     assert compressor("armax") == Armax()
+
+
+@pytest.mark.parametrize(
+    "name, first",
+    [
+        ("laguerre", [0.5536585, 0.76594, -0.53654927, -0.6710978, 0.5273979]),
+        ("armax", [0.53342044, -0.57042754, 0.45965064, 0.54136497, -0.390725]),
+    ],
+)
+def test_features_are_what_they_always_were(name, first):
+    np.testing.assert_allclose(scalar(compressor=name).reset(seed=0)[0][:5], first, atol=1e-5)
 
 
 # --- actions
@@ -319,21 +341,40 @@ def test_the_range_holds_every_oracle_with_room_to_spare(name):
     task = TASKS[name]
     oracle = Judge.of(task, contexts(task)).oracle()
     gains = np.stack([oracle.kp, oracle.Ti], axis=1)
-    used = (found := ActionMap.of(task)).actions(gains)
+    used = (found := ActionMap.of(yaw_rate(task))).actions(gains)
     assert np.abs(used).max() < 1
     np.testing.assert_allclose(found.gains(used), gains, rtol=1e-9)
     assert np.ptp(used, axis=0).min() > 0.4  # nor is it so wide that nothing can be resolved
 
 
+FROZEN = {
+    "default": [-1.9993818650418442, -0.4273901474141522, -75.0, 0.243796568533, 0.070509374048],
+    "speeds": [-2.361839700987645, -0.421745394562924, -75.0, 0.223621132628, 0.070509374048],
+    "low margin": [-1.9993818650418442, -0.4273901474141522, -78.3549104655, 0.227467369795,
+                   0.063980470071],
+    "printed": [-1.9993818650418442, -0.4273901474141522, -75.0, 0.795046228721, 0.159429104018],
+}  # fmt: skip
+"""Log magnitudes, steepest phase [deg], and (kp, Ti) of (0.5, -0.5), of the first version."""
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_actions_mean_what_they_always_did(name):
+    found = ActionMap.of(yaw_rate(TASKS[name]))
+    gains = found.gains(np.array([[0.5, -0.5]]))[0]
+    now = [found.low[0], found.high[0], np.degrees(found.low[1]), *gains]
+    np.testing.assert_allclose(now, FROZEN[name], rtol=1e-9)
+    assert np.degrees(found.high[1]) == pytest.approx(-0.5)
+
+
 @pytest.mark.parametrize("name", TASKS)
 def test_actions_go_to_gains_and_back(name):
-    found = ActionMap.of(TASKS[name])
+    found = ActionMap.of(yaw_rate(TASKS[name]))
     given = np.random.default_rng(0).uniform(-1, 1, (50, 2))
     np.testing.assert_allclose(found.actions(found.gains(given)), given, rtol=0, atol=1e-9)
 
 
 def test_corners_are_gains_that_the_environment_takes():
-    found = ActionMap.of(Task())
+    found = ActionMap.of(yaw_rate(Task()))
     corners = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
     gains = found.gains(corners)
     assert ((gains >= [1e-3, 1e-3]) & (gains <= [10, 100])).all()

@@ -98,6 +98,16 @@ class Recording:
     def __len__(self) -> int:
         return len(self.y)
 
+    def beside(self, names: tuple[str, ...]) -> NDArray[np.float64]:
+        """Values (B, m) of the context that are known beside the signals."""
+        shown = self.context
+        if shown is None and names:
+            if self.v_x is None or names != ("v_x",):
+                raise ValueError(f"The recording must come with {', '.join(names)}.")
+            return self.v_x[:, None]
+        columns = [getattr(shown, name) for name in names]
+        return np.stack(columns, axis=1) if columns else np.empty((len(self), 0))
+
     def part(self, index: slice) -> "Recording":
         """Some of the episodes."""
         u = self.u if len(self.u) == 1 else self.u[index]

@@ -1,9 +1,10 @@
-"""The reinforcement-learning tuner: learns from rewards alone.
+"""The vehicles' reinforcement-learning tuner, and how agents are trained: from rewards alone.
 
 An agent of Stable-Baselines3 is trained in ``yawrate/PITuningFeatures-v0``: standardised
 features in, an action in loop coordinates out, one step an episode.  It sees rewards,
 never the design rule's gains.  What is kept is the actor, as arrays; using it needs
-neither Stable-Baselines3 nor torch.
+neither Stable-Baselines3 nor torch.  For any other plant `tuners.rl_training.train_plant`
+does the same, and gives a `tuners.plants.PlantTuner`.
 """
 
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from tuners.compressors import COMPRESSORS, compressor, described
 from tuners.feature_map import ActionMap, FeatureMap
+from tuners.learners.agent import Actor
 from tuners.recording import Recording
 from tuners.tuner import Tuner, task_from
 from yawrate_env import validation
@@ -27,51 +29,30 @@ Progress = Callable[[str, int, int], None]
 ALGORITHMS = ("sac", "ppo", "td3")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Actor:
-    """A deterministic policy: a multilayer perceptron.
-
-    Attributes
-    ----------
-    layers : list
-        (weight (out, in), bias (out,)) pairs.
-    hidden : {"relu", "tanh"}
-        Activation between them.
-    squashed : bool
-        Whether the output goes through tanh; it is clipped to [-1, 1] otherwise.
-    """
-
-    layers: list[tuple[Array, Array]]
-    hidden: str
-    squashed: bool
-
-    def __call__(self, features: NDArray[np.floating]) -> Array:
-        """Features (B, n) to actions (B, 2) in [-1, 1]."""
-        x = np.asarray(features, dtype=np.float64)
-        for i, (weight, bias) in enumerate(self.layers):
-            if i:
-                x = np.maximum(x, 0) if self.hidden == "relu" else np.tanh(x)
-            x = x @ weight.T + bias
-        return np.tanh(x) if self.squashed else np.clip(x, -1, 1)
-
-
 class RLTuner(Tuner):
     """A trained agent as a one-shot tuner."""
 
     kind: ClassVar[str] = "rl"
 
     def __init__(
-        self, task: Task, features: FeatureMap, actor: Actor, training: dict[str, Any]
+        self,
+        task: Task,
+        features: FeatureMap,
+        visible: tuple[str, ...],
+        actor: Actor,
+        training: dict[str, Any],
     ) -> None:
         super().__init__(task)
-        self.features, self.actor, self.training = features, actor, training
-        self._actions = ActionMap.of(task)
+        self.features, self.visible, self.actor = features, visible, actor
+        self.training = training
+        self._actions = ActionMap.of(self.plant)
 
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Compress, act, map to gains."""
-        if self.features.visible:
+        if self.visible:
             recording = replace(recording, v_x=self.speeds(recording))
-        features, usable = self.features(recording)
+        beside = recording.beside(self.visible)
+        features, usable = self.features(recording.u, recording.y, recording.Ts, beside)
         kp, Ti = self._actions.gains(self.actor(features)).T
         return Design(kp, Ti, np.full(len(kp), int(Status.OK))), usable
 
@@ -80,7 +61,7 @@ class RLTuner(Tuner):
         return {
             **super().settings(),
             "compressor": described(self.features.compressor),
-            "visible": list(self.features.visible),
+            "visible": list(self.visible),
             "hidden": self.actor.hidden,
             "squashed": self.actor.squashed,
             "training": self.training,
@@ -88,20 +69,16 @@ class RLTuner(Tuner):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The actor and the standardisation of its inputs."""
-        saved = {"mean": self.features.mean, "scale": self.features.scale}
-        for i, (weight, bias) in enumerate(self.actor.layers):
-            saved[f"weight{i}"], saved[f"bias{i}"] = weight, bias
-        return saved
+        around = {"mean": self.features.mean, "scale": self.features.scale}
+        return around | self.actor.arrays()
 
     @classmethod
     def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
         """Rebuild from what was saved."""
-        depth = sum(name.startswith("weight") for name in arrays)
-        layers = [(arrays[f"weight{i}"], arrays[f"bias{i}"]) for i in range(depth)]
         first_stage, visible = compressor(**settings["compressor"]), settings.get("visible", ())
-        features = FeatureMap(first_stage, arrays["mean"], arrays["scale"], tuple(visible))
-        actor = Actor(layers, settings["hidden"], settings["squashed"])
-        return cls(task_from(settings), features, actor, settings["training"])
+        features = FeatureMap(first_stage, arrays["mean"], arrays["scale"])
+        actor = Actor.of(arrays, settings["hidden"], settings["squashed"])
+        return cls(task_from(settings), features, tuple(visible), actor, settings["training"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +89,8 @@ class Training:
     ----------
     algorithm : {"sac", "ppo", "td3"}
         Of Stable-Baselines3.
-    compressor : {"laguerre", "armax"}
-        First stage.
+    compressor : {"laguerre", "armax", "response"}
+        First stage; a plant's Laguerre functions are those of its default recipe.
     episodes : int
         Simulated episodes, one step each.
     num_envs : int

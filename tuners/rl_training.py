@@ -1,8 +1,13 @@
-"""What `tuners.rl` needs while it trains: Stable-Baselines3's models and their actors."""
+"""Agents learn: Stable-Baselines3's models, trained for vehicles or for any plant.
 
+`train` gives the vehicles' `RLTuner`, `train_plant` a plant's `PlantTuner`; the run is the
+same.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import gymnasium
 import numpy as np
@@ -12,14 +17,24 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
-from tuners.compressors import compressor
-from tuners.feature_map import FeatureMap
-from tuners.rl import Actor, Progress, RLTuner, Training
+from tuners.feature_map import ActionMap, FeatureMap
+from tuners.learners.agent import Actor, Agent
+from tuners.learners.threads import threads
+from tuners.plants.black_box import functions_for
+from tuners.plants.plant import Plant
+from tuners.plants.training import CALIBRATION, calibrate, check_calibration, described
+from tuners.plants.tuner import PlantTuner
+from tuners.rl import Progress, RLTuner, Training
 from tuners.sb3_adapter import Sb3VecEnv
+from tuners.stages import Stages
 from tuners.wrappers import base_env
-from yawrate_env import FEATURES_ID
+from yawrate_env import FEATURES_ID, PLANT_FEATURES_ID
 from yawrate_env.files import replacing
 from yawrate_env.interaction import VISIBLE
+
+Made = TypeVar("Made")
+Maker = Callable[[Actor, dict[str, Any]], Made]
+"""A tuner from an actor, and how that was trained."""
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"sac": SAC, "ppo": PPO, "td3": TD3}
 
@@ -27,8 +42,8 @@ _AVERAGING = 0.995
 """Weight of the past in the running average of the actor, per batch of episodes."""
 
 
-def hyperparameters(settings: Training) -> dict[str, Any]:
-    """Keyword arguments of the algorithm.
+def hyperparameters(settings: Training, actions: int = 2) -> dict[str, Any]:
+    """Keyword arguments of the algorithm, for so many numbers an action.
 
     Episodes have one step, so the discount is of no use; the learning rate falls
     linearly to zero, because the last tenths of a degree drown in a constant one.
@@ -44,7 +59,7 @@ def hyperparameters(settings: Training) -> dict[str, Any]:
         "policy_kwargs": {"net_arch": [64, 64]},
     }
     return {
-        "sac": {**off_policy, "target_entropy": -4.0},
+        "sac": {**off_policy, "target_entropy": -2.0 * actions},
         "td3": {**off_policy, "policy_delay": 2},
         "ppo": {
             "learning_rate": _falling(1e-3),
@@ -88,61 +103,128 @@ def train(
     -------
     list of (episodes, RLTuner)
     """
-    return Run(task_kwargs, settings, log, checkpoint).learn(at, progress)
+    return of_vehicles(task_kwargs, settings, log, checkpoint).learn(at, progress)
 
 
-class Run:
+def train_plant(
+    plant: Plant | str,
+    settings: Training,
+    *,
+    log: str | None = None,
+    checkpoint: Path | None = None,
+    calibration: int = CALIBRATION,
+    progress: Progress | None = None,
+) -> PlantTuner:
+    """Train an agent in ``yawrate/PlantFeatures-v0`` and calibrate its intervals.
+
+    Parameters
+    ----------
+    plant : Plant or str
+        The plant, or where it is found: ``"module:attribute"``.
+    log, checkpoint
+        As for `train`; the checkpoint is written ten times on the way.
+    calibration : int
+        Episodes that calibrate the intervals; 0 leaves those of a normal error.
+    """
+    check_calibration(calibration)
+    run = of_plant(described(plant), settings, log, checkpoint)
+    at = () if checkpoint is None else tenths(settings.episodes)
+    (*_, (_, tuner)) = run.learn(at, progress)
+    if calibration:
+        calibrate(tuner, calibration, settings.seed, progress)
+    return tuner
+
+
+def tenths(episodes: int) -> tuple[int, ...]:
+    """When a training writes its checkpoint, the end excepted."""
+    step = max(episodes // 10, 1)
+    return tuple(range(step, episodes, step))
+
+
+def of_vehicles(
+    task_kwargs: dict[str, Any], settings: Training, log: str | None, checkpoint: Path | None
+) -> "Run[RLTuner]":
+    """A run for vehicles; arguments as for `train`."""
+    one = base_env(**task_kwargs)
+    if one.visible == "context" or one.decimate != 1:
+        raise ValueError(
+            f"visible = {one.visible!r}, decimate = {one.decimate}: a tuner gets whole "
+            "recordings without the truth. Use visible='episode' or 'speed', decimate=1."
+        )
+    env, features, _ = _environment(FEATURES_ID, settings, task_kwargs)
+
+    def made(actor: Actor, training: dict[str, Any]) -> RLTuner:
+        return RLTuner(one.task, features, VISIBLE[one.visible], actor, training)
+
+    return Run(env, made, settings, log, checkpoint)
+
+
+def of_plant(
+    plant: Plant, settings: Training, log: str | None, checkpoint: Path | None
+) -> "Run[PlantTuner]":
+    """A run for any plant; arguments as for `train_plant`."""
+    env, features, actions = _environment(PLANT_FEATURES_ID, settings, {"plant": plant})
+    around = features.mean, features.scale, actions.low, actions.high
+    black_box = functions_for(plant)
+
+    def made(actor: Actor, training: dict[str, Any]) -> PlantTuner:
+        stages = Stages(features.compressor, Agent(actor, *around))
+        return PlantTuner(plant, stages, black_box, {"name": "rl", **training})
+
+    return Run(env, made, settings, log, checkpoint)
+
+
+def _environment(
+    name: str, settings: Training, kwargs: dict[str, Any]
+) -> tuple[Any, FeatureMap, ActionMap]:
+    """Episodes in a batch, and what an agent sees and does in them."""
+    compressor, count = settings.compressor, settings.num_envs
+    env: Any = gymnasium.make_vec(name, num_envs=count, compressor=compressor, **kwargs)
+    return env, env.env.map, env.map
+
+
+class Run(Generic[Made]):
     """One training run, in parts.
 
     Parameters
     ----------
-    task_kwargs, settings, log, checkpoint
+    env : VectorEnv
+        One of the two environments of features, native batch.
+    made : callable
+        The actor and how it was trained to a tuner.
+    settings, log, checkpoint
         As for `train`.
     """
 
     def __init__(
         self,
-        task_kwargs: dict[str, Any],
+        env: Any,
+        made: Maker[Made],
         settings: Training,
         log: str | None,
         checkpoint: Path | None,
     ) -> None:
-        self.settings, self.checkpoint = settings, checkpoint
-        one = base_env(**task_kwargs)
-        if one.visible == "context" or one.decimate != 1:
-            raise ValueError(
-                f"visible = {one.visible!r}, decimate = {one.decimate}: a tuner gets whole "
-                "recordings without the truth. Use visible='episode' or 'speed', decimate=1."
-            )
-        self.task = one.task
-        first_stage = compressor(settings.compressor)
-        self.features = FeatureMap.of(one.task, first_stage, VISIBLE[one.visible])
-        self.env = Sb3VecEnv(
-            gymnasium.make_vec(
-                FEATURES_ID,
-                num_envs=settings.num_envs,
-                compressor=settings.compressor,
-                **task_kwargs,
-            )
-        )
+        self.settings, self.checkpoint, self.made = settings, checkpoint, made
+        self.env = Sb3VecEnv(env)
         self.average = _Average()
         if checkpoint is not None and checkpoint.exists():
             self.model = self._resumed(checkpoint)
         else:
             self.model = CLASSES[settings.algorithm](
                 "MlpPolicy", self.env, seed=settings.seed, tensorboard_log=log, device="cpu",
-                **hyperparameters(settings),
+                **hyperparameters(settings, env.single_action_space.shape[0]),
             )  # fmt: skip
         # The model has just seeded the environments with `seed`, `seed + 1`, ..., most of
         # which the next seed's run would have too, and a resumed run for a second time.
         self.env.seed(1_000_000 * (settings.seed + 1) + self.model.num_timesteps)
 
-    def learn(self, at: tuple[int, ...], progress: Progress | None) -> list[tuple[int, RLTuner]]:
+    def learn(self, at: tuple[int, ...], progress: Progress | None) -> list[tuple[int, Made]]:
         """Train to the end; the tuners after `at` and all episodes."""
         follower = _Follower(self, at, progress)
         left = self.settings.episodes - self.model.num_timesteps
         if left > 0:
-            self.model.learn(left, callback=follower, reset_num_timesteps=False, log_interval=100)
+            with threads(1):
+                self.model.learn(left, follower, log_interval=100, reset_num_timesteps=False)
         return [*follower.taken, (self.model.num_timesteps, self.tuner())]
 
     def save(self) -> None:
@@ -173,7 +255,7 @@ class Run:
             model.load_replay_buffer(buffer)
         return model
 
-    def tuner(self) -> RLTuner:
+    def tuner(self) -> Made:
         """The averaged actor as it is now."""
         training = {
             "algorithm": self.settings.algorithm,
@@ -181,8 +263,7 @@ class Run:
             "num_envs": self.settings.num_envs,
             "seed": self.settings.seed,
         }
-        actor = _actor(self.model, self.average.weights)
-        return RLTuner(self.task, self.features, actor, training)
+        return self.made(_actor(self.model, self.average.weights), training)
 
 
 @dataclass
@@ -203,12 +284,12 @@ class _Average:
 class _Follower(BaseCallback):
     """Averages the actor, takes snapshots and reports progress."""
 
-    def __init__(self, run: Run, at: tuple[int, ...], progress: Progress | None) -> None:
+    def __init__(self, run: Run[Any], at: tuple[int, ...], progress: Progress | None) -> None:
         super().__init__()
         self.run, self.progress = run, progress
         behind = run.model.num_timesteps
         self.due = sorted(a for a in at if behind < a < run.settings.episodes)
-        self.taken: list[tuple[int, RLTuner]] = []
+        self.taken: list[tuple[int, Any]] = []
 
     def _on_step(self) -> bool:
         self.run.average.update(_actor_module(self.model))

@@ -66,7 +66,7 @@ class Stages:
     ----------
     compressor : Armax, Laguerre, Regularised or FrequencyResponse
         First stage.
-    learner : FeedForward, GBM or Trend
+    learner : FeedForward, GBM, Trend or Agent
         Second stage.
     """
 

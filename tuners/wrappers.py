@@ -1,8 +1,9 @@
-"""Wrappers that make `yawrate/PITuning-v0` ready to train on, scalar and vector.
+"""Wrappers that make `yawrate/PITuning-v0` and `yawrate/Plant-v0` ready to train on.
 
 `Compressed` shows standardised features instead of the recording; `LoopAction` takes
-actions in [-1, 1] and maps them to loop coordinates.  The vector forms do the same to
-a batch, final observations included.  ``yawrate/PITuningFeatures-v0`` has both.
+actions in [-1, 1] and maps them to a vehicle's loop coordinates, or to a plant's own.  The
+vector forms do the same to a batch, final observations included.
+``yawrate/PITuningFeatures-v0`` and ``yawrate/PlantFeatures-v0`` have both.
 """
 
 from typing import Any
@@ -14,30 +15,33 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from tuners.compressors import compressor
-from tuners.feature_map import LIMIT, ActionMap, FeatureMap
-from tuners.recording import Recording
+from tuners.feature_map import ActionMap, FeatureMap
+from tuners.learners.agent import LIMIT
+from tuners.plants.env import PlantEnv, PlantVectorEnv
+from tuners.plants.plant import Plant
+from tuners.sight import sight
+from yawrate_env import ENV_ID, PLANT_ID, validation
 from yawrate_env.env import PITuningEnv
-from yawrate_env.interaction import VISIBLE, checked_actions
 from yawrate_env.nonlinear.env import PITuningNonlinearEnv, PITuningNonlinearVectorEnv
 from yawrate_env.vector_env import PITuningVectorEnv
+
+SCALAR = PITuningEnv, PlantEnv
+VECTOR = PITuningVectorEnv, PlantVectorEnv
 
 
 class _ObservationFeatures:
     """What both observation wrappers do."""
 
     def __init__(self, env: Any, name: str, settings: dict[str, Any]) -> None:
-        base = env.unwrapped
-        self.Ts = base.task.experiment.Ts * base.decimate
-        self.map = FeatureMap.of(
-            base.task, compressor(name, **settings), VISIBLE[base.visible], base.decimate
-        )
+        self.read = see = sight(env.unwrapped)
+        first_stage = see.compressor(name, **settings)
+        self.map = FeatureMap.of(see.plant, first_stage, see.beside, see.decimate)
         n = len(self.map.mean)
         self.space = Box(-LIMIT, LIMIT, (n,), dtype=np.float32)
 
     def __call__(self, obs: NDArray[np.float32]) -> NDArray[np.float32]:
-        recording, single = Recording.of_observations(obs, self.Ts)
-        features, _ = self.map(recording)
+        seen, single = self.read(obs)
+        features, _ = self.map(*seen)
         return features[0] if single else features
 
 
@@ -47,9 +51,9 @@ class Compressed(gymnasium.ObservationWrapper, gymnasium.utils.RecordConstructor
     Parameters
     ----------
     env : gymnasium.Env
-        ``yawrate/PITuning-v0``.
-    compressor : {"laguerre", "armax"}
-        First stage.
+        ``yawrate/PITuning-v0`` or ``yawrate/Plant-v0``.
+    compressor : {"laguerre", "armax", "response"}
+        First stage; a plant's Laguerre functions are those of its default recipe.
     **settings
         The compressor's own, such as ``order=8``.
     """
@@ -57,10 +61,11 @@ class Compressed(gymnasium.ObservationWrapper, gymnasium.utils.RecordConstructor
     def __init__(
         self, env: gymnasium.Env[Any, Any], compressor: str = "laguerre", **settings: Any
     ) -> None:
-        _require(env, PITuningEnv, "observation_space")
+        _require(env, SCALAR, "observation_space")
         gymnasium.utils.RecordConstructorArgs.__init__(self, compressor=compressor, **settings)
         gymnasium.ObservationWrapper.__init__(self, env)
         self._features = _ObservationFeatures(env, compressor, settings)
+        self.map = self._features.map
         self.observation_space = self._features.space
 
     def observation(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -69,18 +74,22 @@ class Compressed(gymnasium.ObservationWrapper, gymnasium.utils.RecordConstructor
 
 
 class LoopAction(gymnasium.ActionWrapper, gymnasium.utils.RecordConstructorArgs):
-    """Take actions in [-1, 1], the controller's log magnitude and phase at the crossover."""
+    """Take actions in [-1, 1]: the coordinates of a plant's controller.
+
+    Those of a vehicle's are its log magnitude and phase at the crossover.
+    """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
-        _require(env, PITuningEnv, "action_space")
+        _require(env, SCALAR, "action_space")
         gymnasium.utils.RecordConstructorArgs.__init__(self)
         gymnasium.ActionWrapper.__init__(self, env)
-        self.map = ActionMap.of(_task(env))
-        self.action_space = _unit_box()
+        self.map = ActionMap.of(sight(env.unwrapped).plant)
+        self.action_space = _unit_box(self.map)
 
     def action(self, action: NDArray[np.float32]) -> NDArray[np.float64]:
-        """One action to (kp, Ti)."""
-        return np.asarray(self.map.gains(checked_actions(np.asarray(action)[None], 1))[0])
+        """One action to gains."""
+        given = validation.finite_array("action", action, shape=self.map.low.shape)
+        return np.asarray(self.map.gains(given[None])[0])
 
 
 class CompressedVector(VectorWrapper[Any, Any, Any, Any, Any]):
@@ -89,9 +98,10 @@ class CompressedVector(VectorWrapper[Any, Any, Any, Any, Any]):
     def __init__(
         self, env: VectorEnv[Any, Any, Any], compressor: str = "laguerre", **settings: Any
     ) -> None:
-        _require(env, PITuningVectorEnv, "single_observation_space")
+        _require(env, VECTOR, "single_observation_space")
         super().__init__(env)
         self._features = _ObservationFeatures(env, compressor, settings)
+        self.map = self._features.map
         self.single_observation_space = self._features.space
         self.observation_space = batch_space(self._features.space, env.num_envs)
         self._shown: NDArray[np.float32] | None = None
@@ -116,15 +126,17 @@ class LoopActionVector(VectorWrapper[Any, Any, Any, Any, Any]):
     """`LoopAction` for the native batch environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
-        _require(env, PITuningVectorEnv, "single_action_space")
+        _require(env, VECTOR, "single_action_space")
         super().__init__(env)
-        self.map = ActionMap.of(_task(env))
-        self.single_action_space = _unit_box()
+        self.map = ActionMap.of(sight(env.unwrapped).plant)
+        self.single_action_space = _unit_box(self.map)
         self.action_space = batch_space(self.single_action_space, env.num_envs)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Map the actions to gains and step."""
-        return self.env.step(self.map.gains(checked_actions(actions, self.num_envs)))
+        shape = (self.num_envs, *self.map.low.shape)
+        given = validation.finite_array("action", actions, shape=shape)
+        return self.env.step(self.map.gains(given))
 
 
 def base_env(*, nonlinear: bool = False, **kwargs: Any) -> PITuningEnv:
@@ -145,20 +157,28 @@ def features_vector_env(
     return LoopActionVector(CompressedVector(batch, compressor))
 
 
-def _unit_box() -> Box:
-    return Box(-1.0, 1.0, (2,), dtype=np.float32)
+def plant_features_env(plant: str | Plant, compressor: str = "laguerre") -> gymnasium.Env[Any, Any]:
+    """Entry point of ``yawrate/PlantFeatures-v0``."""
+    return LoopAction(Compressed(PlantEnv(plant), compressor))
 
 
-def _require(env: Any, kind: type, space: str) -> None:
+def plant_features_vector_env(
+    num_envs: int = 1, *, plant: str | Plant, compressor: str = "laguerre"
+) -> VectorEnv[Any, Any, Any]:
+    """Build the batch form of `plant_features_env`."""
+    return LoopActionVector(CompressedVector(PlantVectorEnv(num_envs, plant=plant), compressor))
+
+
+def _unit_box(actions: ActionMap) -> Box:
+    return Box(-1.0, 1.0, actions.low.shape, dtype=np.float32)
+
+
+def _require(env: Any, kinds: tuple[type, ...], space: str) -> None:
     """Refuse what is not the environment, and a `space` that is not the environment's own."""
     base = getattr(env, "unwrapped", env)
-    form = "gymnasium.make" if kind is PITuningEnv else "gymnasium.make_vec"
-    remedy = f'Wrap what {form}("yawrate/PITuning-v0") gives.'
-    if not isinstance(base, kind):
+    form = "gymnasium.make" if kinds is SCALAR else "gymnasium.make_vec"
+    remedy = f'Wrap what {form}("{ENV_ID}") or {form}("{PLANT_ID}", plant=...) gives.'
+    if not isinstance(base, kinds):
         raise ValueError(f"{type(base).__name__} cannot be wrapped here. {remedy}")
     if getattr(env, space) != getattr(base, space):
         raise ValueError(f"Another wrapper has changed the {space} already. {remedy}")
-
-
-def _task(env: Any) -> Any:
-    return env.unwrapped.task

@@ -23,7 +23,7 @@ from tuners.plants.plant import Plant, Range, Search, snr
 from tuners.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
 from tuners.recording import Recording
 from yawrate_env.compiled import LANES, over_blocks
-from yawrate_env.design import Status
+from yawrate_env.design import Status, required_response
 from yawrate_env.discretisation import DiscretePlant
 from yawrate_env.episode import excitation, plants, respond
 from yawrate_env.judge import Judge
@@ -107,6 +107,7 @@ def yaw_rate(task: Task, coordinates: str = "loop") -> Plant:
         signals=("steering command [rad]", "yaw rate [rad/s]"),
         record=vehicles.record,
         search_limits=vehicles.limits(),
+        reach=vehicles.reach if coordinates == "loop" else None,
         loop=vehicles.loop,
         black_box=BLACK_BOX,
     )
@@ -174,6 +175,25 @@ class Vehicles:
         start, speeds = context_of(theta[:1]), theta[:, 2]
         found = identification.identify(task.vehicle, recording, start, speeds, (friction, mass))
         return theta_of(found.context), found.converged
+
+    def reach(self) -> tuple[Array, Array]:
+        """Log magnitudes and phases [rad] of the controller at the crossover, for agents.
+
+        The magnitudes that vehicles of the prior need and half an octave more; most of the
+        phases that a PI has, or nearly all of them where the prior needs them.
+        """
+        prior = self.task.prior
+        grid = np.meshgrid(
+            *(np.linspace(*ends, 3) for ends in (prior.mu_s, prior.M_delta, prior.v_x))
+        )
+        context = Context.of(*(axis.ravel() for axis in grid))
+        judge = Judge.of(self.task, context)
+        magnitude, phase = required_response(judge.transfer_function, self.task.target)
+        spare = 0.5 * np.log(2)
+        steepest = np.clip(np.degrees(phase.min()) - 2.0, -89.0, -75.0)
+        phases = np.radians([steepest, -0.5])
+        low = np.array([magnitude.min() - spare, phases[0]])
+        return low, np.array([magnitude.max() + spare, phases[1]])
 
     def limits(self) -> dict[str, Range]:
         """How far searches and recordings go: a vehicle may be lighter than the prior's lightest.

@@ -2,8 +2,9 @@
 
 ``import yawrate_env`` registers ``yawrate/PITuning-v0``, the same on a nonlinear vehicle as
 ``yawrate/PITuningNonlinear-v0``, any plant of one's own as ``yawrate/Plant-v0``, and, ready
-to train on, ``yawrate/PITuningFeatures-v0``.  What needs `tuners` is imported from there;
-all modules are imported where they are used, so that the import itself stays light.
+to train on, ``yawrate/PITuningFeatures-v0`` and ``yawrate/PlantFeatures-v0``.  What needs
+`tuners` is imported from there; all modules are imported where they are used, so that the
+import itself stays light.
 """
 
 from gymnasium.envs.registration import register, registry
@@ -14,6 +15,7 @@ ENV_ID = "yawrate/PITuning-v0"
 NONLINEAR_ID = "yawrate/PITuningNonlinear-v0"
 FEATURES_ID = "yawrate/PITuningFeatures-v0"
 PLANT_ID = "yawrate/Plant-v0"
+PLANT_FEATURES_ID = "yawrate/PlantFeatures-v0"
 
 if ENV_ID not in registry:
     register(
@@ -41,4 +43,11 @@ if PLANT_ID not in registry:
         id=PLANT_ID,
         entry_point="tuners.plants.env:PlantEnv",
         vector_entry_point="tuners.plants.env:PlantVectorEnv",
+    )
+
+if PLANT_FEATURES_ID not in registry:
+    register(
+        id=PLANT_FEATURES_ID,
+        entry_point="tuners.wrappers:plant_features_env",
+        vector_entry_point="tuners.wrappers:plant_features_vector_env",
     )

@@ -97,6 +97,13 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     environment, which resets in the same step.  With `vectorization_mode="sync"` or
     `"async"` pass `vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}`.
 
+    ## For learning agents
+
+    `yawrate/PITuningFeatures-v0` shows standardised features of the recording and takes
+    actions in [-1, 1], the controller's log magnitude and phase at the crossover;
+    `compressor="armax"` shows others.  Any plant of your own has the same two, made from its
+    description: `yawrate/Plant-v0` and `yawrate/PlantFeatures-v0` ([plants](plants.md)).
+
     ## Version history
 
     * v0: first version.

@@ -28,17 +28,23 @@ STEP, LATEST = 0.001, 0.03
 def train(plant: Plant, out: Path, episodes: int | None, seed: int) -> str:
     """Train, save, and say how accurate the tuner is."""
     from tuners.plants import train
-    from tuners.plants.evaluation import TUNER, compare
     from tuners.progress import Bars
 
     with Bars() as bars:
         tuner = train(plant, count=episodes, seed=seed, progress=bars)
     tuner.save(out)
+    return accuracy(tuner, seed)
+
+
+def accuracy(tuner: "PlantTuner", seed: int) -> str:
+    """Root mean square errors on fresh plants, beside the bound."""
+    from tuners.plants.evaluation import TUNER, compare
+
     found = compare(tuner, VALIDATION, seed)
     bound = np.sqrt(np.nanmean(found.bound**2, axis=0))
     words = [
         f"{name} {rms:.2g} rms (bound {least:.2g})"
-        for name, rms, least in zip(plant.figures, found.rms(TUNER), bound, strict=True)
+        for name, rms, least in zip(tuner.plant.figures, found.rms(TUNER), bound, strict=True)
     ]
     lost, trusted = found.unstable(TUNER), found.trusted.mean()
     return f"{', '.join(words)}; {lost} of {VALIDATION} without stable loop; {trusted:.0%} trusted"

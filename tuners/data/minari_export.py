@@ -1,20 +1,19 @@
 """Episodes, actions and rewards for offline reinforcement learning, as a Minari data set.
 
-Episode k shows the vehicle of row k of the same seed's data set, and follows behaviour
-``k mod len(behaviours)``.  With ``a`` an action in [-1, 1]^2 (loop coordinates, see
-`tuners.feature_map.ActionMap`) and ``w`` uniform there:
+Episode k shows the vehicle or plant of row k of the same seed's data set, and follows
+behaviour ``k mod len(behaviours)``.  With actions in [-1, 1]^m (loop coordinates, or a
+plant's own, see `tuners.feature_map.ActionMap`) and ``w`` uniform there:
 
 | behaviour | action |
 |---|---|
 | `uniform` | w |
 | `perturbed` | the oracle's + 0.1 w, clipped |
-| `nominal` | that of the mid-prior vehicle's gains |
-| `oracle` | that of the design rule, which knows the vehicle |
+| `nominal` | that of the gains in the middle of the prior; 0 if there are none |
+| `oracle` | that of the design rule, which knows the plant; if it has none, the nominal |
 """
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,14 +21,15 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.baselines import Nominal, Oracle
+from tuners.data.acting import Acts, acts
 from tuners.data.manifest import DatasetError
+from tuners.data.subject import Plants
 from tuners.feature_map import ActionMap
-from tuners.recording import Recording
-from yawrate_env import ENV_ID, FEATURES_ID, interaction, validation
+from tuners.plants.entry import find
+from tuners.plants.plant import Plant
+from tuners.sight import sight
+from yawrate_env import ENV_ID, FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID, validation
 from yawrate_env.contexts import CONTEXT_SETS, ContextSet
-from yawrate_env.episode import Draw
-from yawrate_env.vehicle import Context
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -41,6 +41,9 @@ Progress = Callable[[str, int, int], None]
 BEHAVIOURS = ("uniform", "perturbed", "nominal", "oracle")
 LARGEST = 100_000
 
+RAW = ENV_ID, PLANT_ID
+"""Environments on recordings; the others are on features."""
+
 _PERTURBATION = 0.1
 _CHUNK = 256
 
@@ -51,6 +54,7 @@ def export_minari(
     seed: int = 0,
     *,
     contexts: ContextSet = CONTEXT_SETS["train"],
+    plant: Plant | str | None = None,
     raw: bool = False,
     behaviours: Sequence[str] = BEHAVIOURS,
     env_kwargs: dict[str, Any] | None = None,
@@ -64,9 +68,12 @@ def export_minari(
         Minari's name of it, such as ``"yawrate/mixture-v0"``.
     episodes : int
         At most 100 000: Minari keeps a group of arrays an episode.
+    plant : Plant or str, optional
+        One with an entry, or ``"module:attribute"``, instead of vehicles.
     raw : bool
-        Recordings and gains of ``yawrate/PITuning-v0``, 160 kB an episode, instead of
-        the features and actions of ``yawrate/PITuningFeatures-v0``.
+        Recordings and gains of ``yawrate/PITuning-v0``, 160 kB an episode, or of
+        ``yawrate/Plant-v0``, instead of the features and actions of
+        ``yawrate/PITuningFeatures-v0`` or ``yawrate/PlantFeatures-v0``.
     behaviours : sequence of str
         Who acts in turn, of `BEHAVIOURS`.
     env_kwargs : dict, optional
@@ -88,7 +95,7 @@ def export_minari(
         validation.one_of("behaviour", name, BEHAVIOURS)
     if dataset_id in minari.list_local_datasets():
         raise DatasetError(f"Minari has {dataset_id} already. Delete it, or choose another name.")
-    env = gymnasium.make(ENV_ID if raw else FEATURES_ID, **env_kwargs or {})
+    env = _environment(plant, raw, env_kwargs or {}, contexts)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of an address and a link that are not given
         empty = minari.create_dataset_from_buffers(
@@ -100,7 +107,8 @@ def export_minari(
             author="yawrate",
             description=(
                 f"One-step episodes of seed {seed}, context set {contexts.name}; behaviours "
-                f"in turn: {', '.join(behaviours)}. An episode's options pin its vehicle."
+                f"in turn: {', '.join(behaviours)}. An episode's options pin its "
+                f"{'vehicle' if plant is None else 'plant'}."
             ),
         )
     try:
@@ -110,6 +118,16 @@ def export_minari(
         minari.delete_dataset(dataset_id)
         raise
     return minari.load_dataset(dataset_id)
+
+
+def _environment(
+    plant: Plant | str | None, raw: bool, kwargs: dict[str, Any], contexts: ContextSet
+) -> Any:
+    """The one whose episodes are asked for; of a plant as it will be found again."""
+    if plant is None:
+        return gymnasium.make(ENV_ID if raw else FEATURES_ID, **kwargs)
+    Plants(described := find(plant)).check(contexts)
+    return gymnasium.make(PLANT_ID if raw else PLANT_FEATURES_ID, plant=described.entry, **kwargs)
 
 
 def _indexed(folder: Path) -> None:
@@ -136,47 +154,42 @@ def _buffers(
     """Episodes one after the other, simulated a chunk at a time."""
     from minari.data_collector import EpisodeBuffer
 
-    noise = np.random.default_rng((contexts.tag, seed)).uniform(-1, 1, (episodes, 2))
+    actions = ActionMap.of(sight(env.unwrapped).plant)
+    shape = episodes, len(actions.low)
+    noise = np.random.default_rng((contexts.tag, seed)).uniform(-1, 1, shape)
     turns = np.resize(np.array(behaviours), episodes)
-    for first in range(0, episodes, _CHUNK):
-        chunk = slice(first, min(first + _CHUNK, episodes))
-        drawn = contexts.draw(env.unwrapped.task.prior, seed, first, chunk.stop - first)
-        steps = zip(*_steps(env, drawn, turns[chunk], noise[chunk]), strict=True)
-        for k, (obs, action, reward) in enumerate(steps):
-            vehicle = {name: float(getattr(drawn.context, name)[k]) for name in Context.__slots__}
+    done = 0
+    for block in acts(env, contexts, seed, episodes, _CHUNK):
+        chunk = slice(done, done + len(block.observations))
+        steps = _steps(env, block, actions, turns[chunk], noise[chunk])
+        for k, (obs, action, reward) in enumerate(zip(*steps, strict=True)):
             yield EpisodeBuffer(
-                id=first + k,
-                options=vehicle,
+                id=done + k,
+                options={name: float(values[k]) for name, values in block.truth.items()},
                 observations=np.stack([obs, obs]),  # the environment shows the same again
                 actions=action[None],
                 rewards=[reward],
                 terminations=[True],
                 truncations=[False],
             )
+        done = chunk.stop
         if progress is not None:
-            progress("exporting", chunk.stop, episodes)
+            progress("exporting", done, episodes)
 
 
 def _steps(
-    env: Any, drawn: Draw, turns: NDArray[np.str_], noise: Array
+    env: Any, block: Acts, known: ActionMap, turns: NDArray[np.str_], noise: Array
 ) -> tuple[NDArray[np.float32], NDArray[Any], Array]:
     """Observations, actions and rewards of B episodes, as the environment has them."""
-    base = env.unwrapped
-    task, coordinates = base.task, ActionMap.of(base.task)
-    obs = interaction.observe(task, drawn, base.visible, base.decimate)
-    shown, _ = Recording.of_observations(obs, task.experiment.Ts * base.decimate)
-    oracle = coordinates.actions(Oracle(task).act(replace(shown, context=drawn.context)))
+    nominal = np.nan_to_num(known.actions(block.nominal))
+    oracle = known.actions(block.oracle)
+    oracle = np.where(np.isnan(oracle), nominal, oracle)
     actions = np.select(
         [(turns == name)[:, None] for name in BEHAVIOURS],
-        [
-            noise,
-            np.clip(oracle + _PERTURBATION * noise, -1, 1),
-            coordinates.actions(Nominal(task).act(shown)),
-            oracle,
-        ],
+        [noise, np.clip(oracle + _PERTURBATION * noise, -1, 1), nominal, oracle],
     ).astype(np.float32)
-    gains = coordinates.gains(actions)
-    rewards = interaction.outcome(task, drawn.context, gains)[0].reward
-    if env.spec.id == ENV_ID:
-        return obs, gains, rewards
-    return env.get_wrapper_attr("observation")(obs), actions, rewards
+    gains = known.gains(actions)
+    rewards = block.rewards(gains)
+    if env.spec.id in RAW:
+        return block.observations, gains, rewards
+    return env.get_wrapper_attr("observation")(block.observations), actions, rewards

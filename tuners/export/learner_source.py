@@ -11,6 +11,7 @@ import numpy as np
 
 from tuners.export import literals
 from tuners.learners import Learner
+from tuners.learners.agent import Agent
 from tuners.learners.feedforward import FeedForward
 from tuners.learners.gbm import GBM
 from tuners.learners.trend import Trend
@@ -188,6 +189,11 @@ _FORMS = {
 
 def check_learner(learner: Learner) -> FeedForward | Trend:
     """The learner, or ``ValueError`` for what is not written in C."""
+    if isinstance(learner, Agent):
+        raise ValueError(
+            "the tuner's agent is not written in C. Export its first stage alone with "
+            "features=True (--features), or the whole tuner to target onnx."
+        )
     if isinstance(learner, GBM) or not isinstance(network_of(learner), FeedForward):
         raise ValueError(
             "the tuner's boosted trees are not written in C: thousands of nodes each. Export its "

@@ -29,6 +29,7 @@ from tuners.export.graph import Graph
 from tuners.export.parts import Parts
 from tuners.export.trees import ensemble
 from tuners.learners import Learner
+from tuners.learners.agent import LIMIT, Agent
 from tuners.learners.feedforward import FeedForward
 from tuners.learners.gbm import GBM
 from tuners.learners.trend import Trend
@@ -147,6 +148,8 @@ def _angle(graph: Graph, re: str, im: str) -> str:
 def _learner(graph: Graph, learner: Learner, X: str) -> str:
     if isinstance(learner, Trend):
         return _trend(graph, learner, X)
+    if isinstance(learner, Agent):
+        return _agent(graph, learner, X)
     return (
         _network(graph, learner, X)
         if isinstance(learner, FeedForward)
@@ -179,6 +182,22 @@ def _network(graph: Graph, network: FeedForward, X: str) -> str:
     b2 = network.b2 * network.outputs.half + network.outputs.middle
     hidden = graph.apply("Tanh", graph.apply("Gemm", X, into(W1), into(b1), transB=1))
     return graph.apply("Gemm", hidden, into(W2), into(b2), transB=1)
+
+
+def _agent(graph: Graph, agent: Agent, X: str) -> str:
+    """Standardised features in single precision, a perceptron, the range; (episodes, targets)."""
+    from onnx import TensorProto
+
+    into, actor = graph.constant, agent.actor
+    scaled = graph.apply("Div", graph.apply("Sub", X, into(agent.mean)), into(agent.scale))
+    seen = graph.apply("Clip", scaled, into(-LIMIT), into(LIMIT))
+    x = graph.apply("Cast", graph.apply("Cast", seen, to=TensorProto.FLOAT), to=TensorProto.DOUBLE)
+    for i, (weight, bias) in enumerate(actor.layers):
+        x = graph.apply("Relu" if actor.hidden == "relu" else "Tanh", x) if i else x
+        x = graph.apply("Gemm", x, into(weight), into(bias), transB=1)
+    action = graph.apply("Tanh", x) if actor.squashed else graph.apply("Clip", x, into(-1), into(1))
+    half = graph.apply("Mul", action, into((agent.high - agent.low) / 2))
+    return graph.apply("Add", half, into((agent.high + agent.low) / 2))
 
 
 def _trees(graph: Graph, gbm: GBM, X: str) -> str:

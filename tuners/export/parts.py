@@ -14,6 +14,7 @@ from tuners.compressors.laguerre import Laguerre
 from tuners.compressors.response import FrequencyResponse
 from tuners.coordinates import decode
 from tuners.learners import Learner
+from tuners.learners.agent import Agent
 from tuners.learners.feedforward import FeedForward
 from tuners.learners.trend import Trend
 from tuners.plants.coordinates import LOG, PLAIN
@@ -129,7 +130,7 @@ class Parts:
 
 def _width(learner: Learner) -> int:
     """Features that a learner was trained on."""
-    if isinstance(learner, Trend):
+    if isinstance(learner, Trend | Agent):
         return len(learner.mean)
     if isinstance(learner, FeedForward):
         return int(learner.W1.shape[1])

@@ -10,13 +10,13 @@ PyTorch trains; the trained network is NumPy alone, so that using it does not im
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.learners.threads import threads
 from yawrate_env.compiled import cores
 from yawrate_env.validation import finite_array
 
@@ -88,7 +88,7 @@ class FeedForwardSettings:
         fitted, checked = _Scaled(training, *scaling), _Scaled(validation, *scaling)
         rng = np.random.default_rng(random_state)
         weights = torch.from_numpy(nguyen_widrow(n, self.neurons, outputs, rng))
-        with _threads(1 if rows * n < _NUMBERS_FOR_THREADS else cores()):
+        with threads(1 if rows * n < _NUMBERS_FOR_THREADS else cores()):
             weights = _train(weights, shape, fitted, checked, self, progress)
         W1, b1, W2, b2 = (layer.numpy() for layer in _layers(weights, shape))
         return FeedForward(W1, b1, W2, b2, *scaling)
@@ -206,19 +206,6 @@ def nguyen_widrow(n: int, neurons: int, outputs: int, rng: np.random.Generator) 
     b1 = magnitude * np.linspace(-1, 1, neurons) * np.sign(W1[:, 0])
     W2 = rng.uniform(-1, 1, (outputs, neurons)) / np.sqrt(neurons)
     return np.concatenate([W1.ravel(), b1, W2.ravel(), np.zeros(outputs)])
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Let torch use so many threads; small problems are slower with more than one."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _layers(

@@ -8,18 +8,19 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from tuners.learners.agent import stretched
 from tuners.plants.data import Draw, designed, words_of
 from tuners.plants.entry import find
 from tuners.plants.plant import Plant
+from tuners.plants.reach import corners, reach
 from yawrate_env import interaction, validation
 from yawrate_env.one_step import Observation, OneStepVectorEnv
 
 Array = NDArray[np.float64]
 
 _LARGEST = 1e30  # finite, as agents want it, and beyond any unit
-_SPARE = 0.25  # of the range that the prior's plants need, on either side
 
 
 class PlantEnv(gymnasium.Env[Observation, Array]):
@@ -28,7 +29,7 @@ class PlantEnv(gymnasium.Env[Observation, Array]):
     | space | shape | content |
     |---|---|---|
     | observation | (2 + m, N) float32 | input, measured output; m parameters measured, constant |
-    | action | (k,) float64 | gains; the range that the prior's plants need, and a quarter more |
+    | action | (k,) float64 | gains; what the prior's plants need, and a quarter more |
 
     The reward is -e/(1 + e/4) with e the distance of the plant's figures from what the
     design rule reaches, in the errors that count as one; -4 where a figure is undefined,
@@ -167,16 +168,30 @@ def observation(plant: Plant, u: Array, y: Array, theta: Array) -> Observation:
     return np.stack(rows, axis=1).astype(np.float32)
 
 
-def action_space(plant: Plant) -> Box:
-    """Gains between a quarter below and a quarter above what plants of the prior need.
+def recordings(plant: Plant, obs: ArrayLike) -> tuple[Array, Array, Array, bool]:
+    """Inputs (1 or B, N), outputs (B, N), parameters (B, p) of observations, and whether of one.
 
-    The quarter is one of the range, in logarithms where all gains are positive.
+    Parameters that are not shown are those in the middle of the prior.
     """
-    gains = designed(plant)
-    positive = (gains > 0).all(axis=0)
-    scaled = np.where(positive, np.log(np.where(positive, gains, 1.0)), gains)
-    low, high = scaled.min(axis=0), scaled.max(axis=0)
-    # Plants that all need the same gain leave no range to take a part of.
-    spare = np.maximum(_SPARE * (high - low), 1e-3 + 1e-3 * np.abs(low))
-    ends = [np.where(positive, np.exp(end), end) for end in (low - spare, high + spare)]
-    return Box(ends[0], ends[1], dtype=np.float64)
+    array = np.asarray(obs, dtype=np.float64)
+    batch, names = array if array.ndim == 3 else array[None], plant.shown_names
+    shape = (2 + len(names), len(plant.u))
+    if batch.ndim != 3 or batch.shape[1:] != shape:
+        raise ValueError(
+            f"obs has shape {array.shape}, wanted {shape} or a batch of these, as "
+            "yawrate/Plant-v0 gives them for this plant."
+        )
+    theta = np.tile(plant.middle, (len(batch), 1))
+    for row, name in enumerate(names, start=2):
+        theta[:, tuple(plant.prior).index(name)] = batch[:, row, 0]
+    u = batch[:, 0]
+    return u[:1] if (u == u[:1]).all() else u, batch[:, 1], theta, array.ndim == 2
+
+
+def action_space(plant: Plant) -> Box:
+    """Gains that coordinates within reach stand for."""
+    low, high = reach(plant)
+    units = corners(-np.ones_like(low), np.ones_like(low))
+    ends = plant.coordinates.decode(stretched(units, low, high))
+    gains = np.concatenate([designed(plant), ends[np.isfinite(ends).all(axis=1)]])
+    return Box(gains.min(axis=0), gains.max(axis=0), dtype=np.float64)

@@ -120,6 +120,9 @@ class Plant:
     search_limits : dict, optional
         Parameters to how far they are searched; by default half a range beyond the prior,
         parameters that are positive staying so.
+    reach : callable, optional
+        ``reach()``: lowest and highest coordinates, (m,) each, that agents choose from; by
+        default what the prior's plants need and a quarter more (`tuners.plants.reach`).
     loop : callable, optional
         ``loop(theta, gains)``, of one plant: parameters (p,) and gains (k,) to the `ClosedLoop`
         that reports draw.
@@ -150,6 +153,7 @@ class Plant:
     record: Callable[[Array, Array, Words], Array] | None = None
     gray_box: Search | None = None
     search_limits: Mapping[str, Range] = field(default_factory=dict)
+    reach: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
     black_box: Laguerre | None = None
 

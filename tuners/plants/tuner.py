@@ -16,6 +16,7 @@ from tuners.compressors.laguerre import Laguerre
 from tuners.plants import entry, fingerprint
 from tuners.plants.black_box import black_box
 from tuners.plants.data import sample
+from tuners.plants.env import recordings
 from tuners.plants.plant import Plant
 from tuners.plants.result import PlantFit, PlantResult
 from tuners.plants.trust import GAUSSIAN, Assessment, Finding, assess
@@ -176,27 +177,14 @@ class PlantTuner:
         deterministic: bool = True,
     ) -> tuple[Array, Any]:
         """Act as a policy in ``yawrate/Plant-v0``: (rows, N) or (B, rows, N) to (k,) or (B, k)."""
-        array = np.asarray(obs, dtype=np.float64)
-        batch = array if array.ndim == 3 else array[None]
-        names = self.plant.shown_names
-        shape = (2 + len(names), len(self.plant.u))
-        if batch.ndim != 3 or batch.shape[1:] != shape:
-            raise ValueError(
-                f"obs has shape {array.shape}, wanted {shape} or a batch of these, as "
-                "yawrate/Plant-v0 gives them for this plant."
-            )
-        if not len(batch):
+        u, y, theta, single = recordings(self.plant, obs)
+        if not len(y):
             return np.empty((0, len(self.plant.gains))), state
-        theta = self._middle(len(batch))
-        for row, name in enumerate(names, start=2):
-            theta[:, tuple(self.plant.prior).index(name)] = batch[:, row, 0]
-        u = batch[:, 0]
-        u = u[:1] if (u == u[:1]).all() else u
-        gains = self.gains(u, batch[:, 1], theta)
+        gains = self.gains(u, y, theta)
         found = np.isfinite(gains).all(axis=1, keepdims=True)
         middle = self.plant.oracle(self.plant.middle)[0]
         usable = np.where(found, gains, middle if np.isfinite(middle).all() else self.fallback)
-        return (usable if array.ndim == 3 else usable[0]), state
+        return (usable[0] if single else usable), state
 
     @cached_property
     def fallback(self) -> Array:

@@ -1,0 +1,115 @@
+"""A second stage that learned from rewards: the actor of an agent, as a learner like any other.
+
+An agent sees standardised features and answers in [-1, 1]; what it was trained around,
+the standardisation and the range of the coordinates, is kept with it.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LIMIT = 10.0
+"""Standardised features are clipped here, so that the observation space is finite."""
+
+
+def standardised(values: Array, mean: Array, scale: Array) -> NDArray[np.float32]:
+    """Features (B, n) as an agent sees them."""
+    return np.clip((values - mean) / scale, -LIMIT, LIMIT).astype(np.float32)
+
+
+def stretched(actions: NDArray[np.floating], low: Array, high: Array) -> Array:
+    """Actions (B, m) in [-1, 1], clipped, to coordinates between `low` and `high` (m,)."""
+    unit = (np.clip(np.asarray(actions, dtype=np.float64), -1, 1) + 1) / 2
+    return np.asarray(low + (high - low) * unit)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Actor:
+    """A deterministic policy: a multilayer perceptron.
+
+    Attributes
+    ----------
+    layers : list
+        (weight (out, in), bias (out,)) pairs.
+    hidden : {"relu", "tanh"}
+        Activation between them.
+    squashed : bool
+        Whether the output goes through tanh; it is clipped to [-1, 1] otherwise.
+    """
+
+    layers: list[tuple[Array, Array]]
+    hidden: str
+    squashed: bool
+
+    def __call__(self, features: NDArray[np.floating]) -> Array:
+        """Features (B, n) to actions (B, m) in [-1, 1]."""
+        x = np.asarray(features, dtype=np.float64)
+        for i, (weight, bias) in enumerate(self.layers):
+            if i:
+                x = np.maximum(x, 0) if self.hidden == "relu" else np.tanh(x)
+            x = x @ weight.T + bias
+        return np.tanh(x) if self.squashed else np.clip(x, -1, 1)
+
+    def arrays(self) -> dict[str, Array]:
+        """``weight0``, ``bias0``, ``weight1``, ...; the rest of it is two words."""
+        pairs = enumerate(self.layers)
+        return {f"{n}{i}": a for i, pair in pairs for n, a in zip(_PAIR, pair, strict=True)}
+
+    @classmethod
+    def of(cls, arrays: dict[str, NDArray[Any]], hidden: str, squashed: bool) -> Self:
+        """Rebuild from `arrays`, among which there may be others."""
+        depth = sum(name.startswith("weight") for name in arrays)
+        layers = [(arrays[f"weight{i}"], arrays[f"bias{i}"]) for i in range(depth)]
+        return cls(layers, hidden, squashed)
+
+
+_PAIR = ("weight", "bias")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agent:
+    """An actor, and what it was trained around.
+
+    Attributes
+    ----------
+    actor : Actor
+        Standardised features to actions.
+    mean, scale : NDArray
+        (n,) of the features.
+    low, high : NDArray
+        (m,) coordinates that -1 and 1 stand for.
+    """
+
+    actor: Actor
+    mean: Array
+    scale: Array
+    low: Array
+    high: Array
+
+    def __call__(self, X: Array) -> Array:
+        """Predict (B, m) coordinates from (B, n) features."""
+        actions = self.actor(standardised(X, self.mean, self.scale))
+        return stretched(actions, self.low, self.high)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Everything there is to save."""
+        return {
+            **self.actor.arrays(),
+            **{name: getattr(self, name) for name in _AROUND},
+            "tanh": np.array(self.actor.hidden == "tanh"),
+            "squashed": np.array(self.actor.squashed),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, NDArray[Any]]) -> Self:
+        """Rebuild from `arrays`."""
+        hidden = "tanh" if arrays["tanh"].item() else "relu"
+        actor = Actor.of(arrays, hidden, bool(arrays["squashed"].item()))
+        return cls(actor, *(arrays[name] for name in _AROUND))
+
+
+_AROUND = ("mean", "scale", "low", "high")
