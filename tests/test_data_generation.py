@@ -458,11 +458,12 @@ def test_a_worker_that_is_killed_ends_the_run_and_loses_nothing(tmp_path, undist
 
 
 @contextmanager
-def cluster(folder):
+def cluster(folder, **where):
     """A scheduler and two workers as processes of their own: its address, and the workers."""
     address = folder / "scheduler.json"
     python = [sys.executable, "-m"]
     options = {"env": environment(), "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    options |= where
     program = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
     program += ["--no-dashboard", "--scheduler-file", address]
     started = [subprocess.Popen([*python, *program], **options)]

@@ -101,6 +101,16 @@ def own_module(tmp_path):
     sys.modules.pop("my_plant", None)
 
 
+def another(folder):
+    """A folder with a module of the same name, of another plant."""
+    other = folder / "other"
+    other.mkdir()
+    prior = '{"K": (2.0, 3.0), "T": (0.2, 1.0)}'
+    plant = f'plant = described(prior={prior}, entry="my_plant:plant")'
+    (other / "my_plant.py").write_text(f"from first_order import described\n{plant}")
+    return other
+
+
 @KINDS
 @pytest.mark.parametrize("shard_size", [37, 128, 1000])
 def test_rows_are_those_of_the_pipeline_whatever_the_shards(of, shard_size, tmp_path):
@@ -193,6 +203,36 @@ def test_processes_find_the_module_where_it_is(scheduler, own_module):
     found = Folder(folder, plants.find("my_plant:plant", own_module))
     expected = examples(plant, EPISODES, 3, found.recipe.compressor)
     np.testing.assert_array_equal(found.read().features, expected.features)
+
+
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_of_two_modules_of_one_name_workers_import_the_right_one(count, own_module, tmp_path):
+    first, second = (plants.find("my_plant:plant", at) for at in (own_module, another(tmp_path)))
+    assert sys.modules["my_plant"].plant is first
+    found = made(tmp_path / "data", second, count=count)
+    np.testing.assert_array_equal(found.read().theta, examples(second, EPISODES, 3, STAGE).theta)
+    assert len(Folder(tmp_path / "data", second)) == EPISODES
+    with pytest.raises(DatasetError, match="not of the my_plant:plant that is found here: .*prior"):
+        Folder(tmp_path / "data")  # here that is the first
+
+
+@pytest.mark.slow
+def test_a_cluster_that_was_started_elsewhere(own_module, tmp_path):
+    """Its workers find the module by its folder; on another machine, their own or none."""
+    own, apart = plants.find("my_plant:plant", own_module), tmp_path / "apart"
+    apart.mkdir()
+    with cluster(apart, cwd=apart) as (scheduler, _):
+        made(tmp_path / "data", own, scheduler=scheduler)
+    own_module.rename(tmp_path / "not here")
+    apart = another(tmp_path)
+    for at, why in ((tmp_path / "apart", "no module 'my_plant'"), (apart, "not of the my_plant")):
+        (at / "scheduler.json").unlink(missing_ok=True)
+        with cluster(at, cwd=at) as (scheduler, _):
+            with pytest.raises(DatasetError, match=f"A worker: .*{why}.*the same module"):
+                made(tmp_path / "refused", own, scheduler=scheduler)
+            assert not (tmp_path / "refused").exists()
+    made(tmp_path / "here", own)
+    assert contents(tmp_path / "data") == contents(tmp_path / "here")
 
 
 @pytest.mark.slow

@@ -98,7 +98,8 @@ def generate(
     recipe = Configuration(what, family, compressor, seed, episodes, shard_size, raw)
     _check_compressor(recipe)
     folder = Path(out)
-    Configuration.from_json(recipe.to_json(), folder.parent)  # as all workers will
+    place = recipe.subject.home() or folder.parent
+    home = Configuration.from_json(recipe.to_json(), place).subject.home()  # as all workers will
     with _owned(folder):
         with _explained(folder):
             found = _begun(folder, recipe, resume, progress)
@@ -107,7 +108,7 @@ def generate(
         done = episodes - sum(shard.rows for shard in missing)
         if progress is not None:
             progress("simulating", done, episodes)
-        work = partial(shards.made, found.configuration, home=recipe.subject.home())
+        work = partial(shards.made, found.configuration, home=home)
         for shard, content in pool.results(work, missing, count, scheduler):
             with _explained(folder):
                 found = _with(found, shard, content, folder)
