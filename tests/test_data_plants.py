@@ -236,6 +236,19 @@ def test_a_cluster_that_was_started_elsewhere(own_module, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_cluster_without_this_package_is_refused(tmp_path):
+    (tmp_path / "sitecustomize.py").write_text("import sys; sys.modules['tuners'] = None")
+    hidden = environment()
+    hidden["PYTHONPATH"] = f"{tmp_path}:{hidden['PYTHONPATH']}"
+    with (
+        cluster(tmp_path, env=hidden) as (scheduler, _),
+        pytest.raises(DatasetError, match="not installed where the scheduler, tcp://.* runs"),
+    ):
+        made(tmp_path / "data", scheduler=scheduler)
+    assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.slow
 def test_processes_make_the_same_bytes(tmp_path, undisturbed):
     made(tmp_path / "data", count=2)
     assert contents(tmp_path / "data") == undisturbed
