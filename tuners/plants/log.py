@@ -46,7 +46,7 @@ class PlantOptions:
     input_scale, output_scale : float
         What a column is multiplied by to be in the plant's unit and sign.
     measured : dict
-        Measured parameters, instead of a column.
+        Measured parameters to their values, or to the columns whose means they are.
     Ts : float or None
         Sampling time [s], where there is no time column or it is not to be used.
     start, stop : float or None
@@ -56,7 +56,7 @@ class PlantOptions:
     choice: Choice = field(default_factory=Choice)
     input_scale: float = 1.0
     output_scale: float = 1.0
-    measured: Mapping[str, float] = field(default_factory=dict)
+    measured: Mapping[str, float | str] = field(default_factory=dict)
     Ts: float | None = None
     start: float | None = None
     stop: float | None = None
@@ -131,8 +131,8 @@ def read_log(path: Path, plant: Plant, options: PlantOptions | None = None) -> P
     )  # fmt: skip
 
 
-def _given(plant: Plant, measured: Mapping[str, float]) -> dict[str, float]:
-    """What the user measured; only what the plant calls measured can be."""
+def _given(plant: Plant, measured: Mapping[str, float | str]) -> dict[str, float]:
+    """Numbers that the user measured; only what the plant calls measured can be."""
     for name in measured:
         if not plant.measured:
             raise SelectionError(f"--measured {name}: nothing is measured beside this plant.")
@@ -140,7 +140,7 @@ def _given(plant: Plant, measured: Mapping[str, float]) -> dict[str, float]:
             validation.one_of("--measured", name, tuple(plant.measured))
         except ValueError as error:
             raise SelectionError(str(error)) from None
-    return dict(measured)
+    return {name: value for name, value in measured.items() if not isinstance(value, str)}
 
 
 def _found(table: Table, plant: Plant, options: PlantOptions) -> dict[str, Quantity]:
@@ -164,7 +164,10 @@ def _found(table: Table, plant: Plant, options: PlantOptions) -> dict[str, Quant
     if found["input"].name == found["output"].name:
         raise SelectionError(f"Input and output are both column {found['input'].name}.")
     for parameter in plant.measured:
-        if _plain(parameter) in names and parameter not in options.measured:
+        given = options.measured.get(parameter)
+        if isinstance(given, str):
+            found[parameter] = _quantity(table, columns.named(given, parameter, table.names))
+        elif given is None and _plain(parameter) in names:
             found[parameter] = _quantity(table, names[_plain(parameter)])
     return found
 
