@@ -26,6 +26,7 @@ from tuners.learners.gbm import GBMSettings
 from tuners.plants import fingerprint
 from tuners.plants.data import examples, recorded
 from tuners.stages import Recipe
+from tuners.vehicle_file import example as paper
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.excitation import prbs
 
@@ -392,7 +393,36 @@ def test_from_the_command_line(own_module):
     assert call("dataset", *options, "--verify")[1].endswith("100 episodes, intact\n")
     suited = plants.training.recipe_for(plant).compressor
     assert Folder(own_module.parent / "data").recipe.compressor == suited
+    response = (*options[:3], own_module / "r", "--episodes", 20, "--compressor", "response")
+    assert "are a vehicle's" in refused(2, "dataset", *response)
     assert "'extrapolation'" in refused(
         1, "dataset", *options[:3], own_module / "other", "--episodes", 20,
         "--context", "extrapolation",
     )  # fmt: skip
+
+
+def test_a_tuner_is_trained_from_the_command_line(own_module, tmp_path, monkeypatch):
+    small = Recipe(STAGE, QUICK["network"])
+    monkeypatch.setattr("tuners.data.training.recipe_for", lambda _: small)
+    monkeypatch.setattr("tuners.cli.plant.VALIDATION", 64)
+    file, out = own_module / "my.toml", tmp_path / "my.tuner"
+    own = plants.find("my_plant:plant", own_module)
+    folder = made(own_module / "data", own, raw=True).path
+    saved = []
+    for vehicle in ((), ("--vehicle", file)):  # the folder says what it is of
+        code, words, err = call("train", "--data", folder, "-o", out, *vehicle)
+        assert code == 0 and "training two-stage" in err and "calibrating" in err, err
+        assert "of 64 without stable loop" in words and "of Ti" in words
+        saved.append(out.read_bytes())
+    assert saved[0] == saved[1] and plants.load(out, own).training["vehicles"] == EPISODES
+    (own_module / "car.toml").write_text(paper())
+    train = "train", "-o", tmp_path / "no.tuner", "--data"
+    line = refused(2, *train, folder, "--vehicle", own_module / "car.toml")
+    assert "holds plants, and the --vehicle is a vehicle's file. Leave it out" in line
+    cars = of_vehicles(tmp_path / "cars", 20, task=TASK).path
+    assert "holds vehicles, and the --vehicle is a plant's" in refused(
+        2, *train, cars, "--vehicle", file
+    )
+    (another(tmp_path) / "my.toml").write_text(file.read_text())
+    other = refused(1, *train, folder, "--vehicle", tmp_path / "other" / "my.toml")
+    assert "not of the my_plant:plant" in other and "prior" in other

@@ -3,7 +3,7 @@
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -11,9 +11,11 @@ import numpy as np
 from tuners.cli.answer import plain
 from tuners.cli.hints import Array, Trial, hints
 from tuners.plants.log import PlantLog, PlantOptions, read_log
-from tuners.plants.plant import Plant
 from tuners.plants.result import PlantResult
 from tuners.words import best, between, every
+
+if TYPE_CHECKING:
+    from tuners.plants import PlantTuner
 
 VALIDATION = 300
 
@@ -21,20 +23,15 @@ STEP, LATEST = 0.001, 0.03
 """How much earlier an output is tried, in lengths of the experiment."""
 
 
-def train(plant: Plant, out: Path, episodes: int | None, seed: int) -> str:
-    """Train, save, and say how accurate the tuner is."""
-    from tuners.plants import train
+def accuracy(tuner: "PlantTuner", seed: int) -> str:
+    """Root mean square errors on fresh plants, beside the bound."""
     from tuners.plants.evaluation import TUNER, compare
-    from tuners.progress import Bars
 
-    with Bars() as bars:
-        tuner = train(plant, count=episodes, seed=seed, progress=bars)
-    tuner.save(out)
     found = compare(tuner, VALIDATION, seed)
     bound = np.sqrt(np.nanmean(found.bound**2, axis=0))
     words = [
         f"{name} {rms:.2g} rms (bound {least:.2g})"
-        for name, rms, least in zip(plant.figures, found.rms(TUNER), bound, strict=True)
+        for name, rms, least in zip(tuner.plant.figures, found.rms(TUNER), bound, strict=True)
     ]
     lost, trusted = found.unstable(TUNER), found.trusted.mean()
     return f"{', '.join(words)}; {lost} of {VALIDATION} without stable loop; {trusted:.0%} trusted"
