@@ -65,8 +65,10 @@ vehicle's, with the same formats, exit statuses, `--report` and `--json`. What d
   `y`; others are named by `--input-column` and `--output-column`.
 - **Units and signs** are the plant's own: `--input-scale 0.001` for mV where it has V,
   `--output-scale -1` for a sensor that counts the other way.
-- **Measured parameters** are a column's mean over the stretch that is used, or
-  `--measured speed=20`.
+- **Measured parameters** are a column's mean over the stretch that is used: of the column of
+  the parameter's name, or of `--measured speed=wheel_speed`; or they are `--measured speed=20`.
+  What reads as a number is one: a column that is called so, or is meant by its place, is put
+  in quotes, `--measured 'speed="3"'`.
 - **Sampling**: other times than the plant's are resampled, the input held, the output along a
   cubic spline. Slower than a tenth of the crossover's period is refused, or than ten of the
   plant's samples where it has no crossover. An output that bends sharply where the input
