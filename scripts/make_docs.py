@@ -63,12 +63,17 @@ vehicle's, with the same formats, exit statuses, `--report` and `--json`. What d
 
 - **Columns** are called as the plant calls its signals and measured parameters, or `u` and
   `y`; others are named by `--input-column` and `--output-column`.
-- **Units and signs** are the plant's own: `--input-scale 0.001` for mV where it has V,
-  `--output-scale -1` for a sensor that counts the other way.
-- **Measured parameters** are a column's mean over the stretch that is used: of the column of
-  the parameter's name, or of `--measured speed=wheel_speed`; or they are `--measured speed=20`.
-  What reads as a number is one: a column that is called so, or is meant by its place, is put
-  in quotes, `--measured 'speed="3"'`.
+- **Units**: a column that says `[mV]`, or is called `voltage_mV`, or has it in a row of units
+  or as an MDF channel's, is converted where the plant has `voltage [V]`, and a note says so;
+  `--input-unit` and `--output-unit` say what a log doesn't. A unit that is not known, or that
+  measures something else, is refused.
+- **Signs and ratios**: `--output-scale -1` for a sensor that counts the other way, and
+  `--input-scale 50` for what is measured behind a gear. Scales come after units; one that would
+  convert a second time is refused.
+- **Measured parameters** are a column's mean over the stretch that is used, converted
+  likewise: of the column of the parameter's name, or of `--measured speed=wheel_speed`. Or they
+  are `--measured speed=20` in the plant's unit. What reads as a number is one: a column that is
+  called so, or is meant by its place, is put in quotes, `--measured 'speed="3"'`.
 - **Sampling**: other times than the plant's are resampled, the input held, the output along a
   cubic spline. Slower than a tenth of the crossover's period is refused, or than ten of the
   plant's samples where it has no crossover. An output that bends sharply where the input

@@ -68,6 +68,19 @@ def test_the_tanks_judge_sees_the_step_it_says(tanks):
     np.testing.assert_allclose(area, q / THETA[:, 2] * gains[:, 1] / gains[:, 0], rtol=0.05)
 
 
+def test_the_tanks_are_drawn_as_they_are_judged(tanks):
+    plant, _ = tanks
+    for theta, gains, (rise, area) in zip(
+        THETA, plant.oracle(THETA), plant.judged(THETA, plant.oracle(THETA)), strict=True
+    ):
+        level, pump = plant.closed(theta, gains).responses
+        e = level.wanted - level.value
+        assert e[0] == 2.0 and pump.label == plant.signals[0]
+        k = np.flatnonzero(e < 0.2)[0]
+        passed = np.interp(-0.2, -e[k - 1 : k + 1], level.time[k - 1 : k + 1])
+        assert (passed, plant.Ts * np.abs(e).sum()) == pytest.approx((rise, area), rel=1e-12)
+
+
 def test_the_motor_is_python_controls():
     plant = find("dc_motor:plant", FOLDER)
     J, b = 3e-4, 2e-3

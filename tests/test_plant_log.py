@@ -2,6 +2,8 @@
 
 import json
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
 import first_order
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from first_order import SIGMA, TAU, TS, U, gauged
 from hypothesis import HealthCheck, given, settings
 from test_cli import EDITS, EXAMPLE, UNTRUSTED, UNUSABLE, WRONG, call, edited, refused
+from test_plant_closed_loop import integrator
 from test_report import Checked
 
 import tuners
@@ -101,6 +104,17 @@ def test_columns_and_scales_are_the_users(tuned, written):
         found = tuned(log, *flags)
         assert found["gains"] == pytest.approx(plain["gains"], rel=1e-6)
         assert found["trusted"]
+
+
+def test_units_are_the_logs_or_the_users(tuned, written):
+    plain = tuned(written())
+    stated = {"t": COLUMNS["t"], "valve [1]": U / 100, "flow": 1e3 * Y, "K": COLUMNS["K"]}
+    found = tuned(written(stated), "--output-unit", "ml/s")
+    assert found["gains"] == pytest.approx(plain["gains"], rel=1e-6)
+    assert found["notes"] == [
+        "Column valve [1] was converted from 1 to %.",
+        "Column flow was converted from ml/s to l/s.",
+    ]
 
 
 def test_columns_that_are_not_there(written, tuner):
@@ -371,6 +385,28 @@ def test_every_check_has_a_name_for_people(page, answered):
     for check in result.checks:
         assert f"<th>{check.name.replace('_', ' ')}<" not in table, check.name
     assert table.count("passed, limit") == len(result.checks)
+
+
+def test_the_loop_is_drawn_where_the_plant_has_one(answered):
+    """Bode and a step beside it, or the step alone for wide and for narrow pages."""
+    result, log, made, name = answered()
+    for whole, count in ((True, 6), (False, 6)):
+        asked = []
+
+        def loop(theta, gains, whole=whole, asked=asked):
+            asked.append((theta, gains))
+            drawn = integrator(theta, gains)
+            return drawn if whole else replace(drawn, open=None, stable=False)
+
+        drawing = SimpleNamespace(plant=replace(made.plant, loop=loop))
+        page = render_plant(result, log, drawing, name)
+        Checked(page)
+        theta, gains = asked[-1]
+        assert dict(zip(gauged.prior, theta, strict=True)) == result.parameters
+        assert dict(zip(gauged.gains, gains, strict=True)) == result.gains
+        assert page.count("<svg") == count and "Step of the flow by 1 l/s" in page
+        assert ("Delay margin" in page and "0.53 Hz" in page) is whole
+        assert ("the loop is unstable" in page) is not whole
 
 
 def test_reasons_against_are_said(answered):

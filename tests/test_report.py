@@ -12,10 +12,10 @@ from systems import control_controller, control_plant
 
 import tuners
 from tuners.report import render
-from tuners.report.loops import Loop
 from tuners.report.page import CHECKS
 from tuners.report.residuals import autocorrelation, cross_correlation
 from tuners.result import Check
+from tuners.yaw_rate import theta_of, yaw_rate
 from yawrate_env.task import Task
 from yawrate_env.vehicle import Context, Vehicle
 
@@ -114,18 +114,18 @@ def test_the_loop_is_the_one_that_python_control_builds():
     import control
 
     task, context, kp, Ti = Task(), Context.of(0.8, 120.0, 18.0), 0.15, 0.104
-    loop = Loop.of(task, context, kp, Ti)
+    loop = yaw_rate(task).closed(theta_of(context)[0], np.array([kp, Ti]))
     G = control_plant(Vehicle(), context, 0, task.target.Ts)
-    L = control.frequency_response(G * control_controller(kp, Ti, task.target),
-                                   2 * np.pi * loop.frequency)  # fmt: skip
-    np.testing.assert_allclose(loop.magnitude, 20 * np.log10(L.magnitude), atol=1e-6)
-    np.testing.assert_allclose(np.cos(np.radians(loop.phase)), np.cos(L.phase), atol=1e-6)
-    assert -180 < loop.phase[0] < 0
     C = control_controller(kp, Ti, task.target)
-    for found, system in ((loop.step, control.feedback(G * C, 1)),
-                          (loop.disturbance, control.feedback(G, C))):  # fmt: skip
-        expected = control.forced_response(system, inputs=np.ones(len(loop.time))).outputs
-        np.testing.assert_allclose(found, expected, atol=1e-9)
+    L = control.frequency_response(G * C, 2 * np.pi * loop.open.frequency)
+    np.testing.assert_allclose(loop.open.magnitude, 20 * np.log10(L.magnitude), atol=1e-6)
+    np.testing.assert_allclose(np.cos(np.radians(loop.open.phase)), np.cos(L.phase), atol=1e-6)
+    assert -180 < loop.open.phase[0] < 0
+    for found, system in zip(
+        loop.responses, (control.feedback(G * C, 1), control.feedback(G, C)), strict=True
+    ):
+        expected = control.forced_response(system, inputs=np.ones(len(found.time))).outputs
+        np.testing.assert_allclose(found.value, expected, atol=1e-9)
 
 
 # Residuals

@@ -24,7 +24,7 @@ class Recipe:
 
     Attributes
     ----------
-    compressor : Armax, Laguerre or FrequencyResponse
+    compressor : Armax, Laguerre, Regularised or FrequencyResponse
         First stage.
     learner : GBMSettings, FeedForwardSettings or TrendSettings
         Second stage.
@@ -64,7 +64,7 @@ class Stages:
 
     Attributes
     ----------
-    compressor : Armax, Laguerre or FrequencyResponse
+    compressor : Armax, Laguerre, Regularised or FrequencyResponse
         First stage.
     learner : FeedForward, GBM or Trend
         Second stage.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tuners import identification
 from tuners.compressors.laguerre import Laguerre
+from tuners.plants.closed_loop import ClosedLoop
 from tuners.plants.coordinates import PLAIN, Coordinates, loop
 from tuners.plants.figure import Figure
 from tuners.plants.identification import identify
@@ -49,6 +50,9 @@ FIGURES = {
 def _plain(target: Target) -> Coordinates:
     return PLAIN
 
+
+IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
+"""What pictures show."""
 
 COORDINATES: dict[str, Callable[[Target], Coordinates]] = {
     "loop": loop,
@@ -103,6 +107,7 @@ def yaw_rate(task: Task, coordinates: str = "loop") -> Plant:
         signals=("steering command [rad]", "yaw rate [rad/s]"),
         record=vehicles.record,
         search_limits=vehicles.limits(),
+        loop=vehicles.loop,
         black_box=BLACK_BOX,
     )
     search = vehicles.search if vehicles.linear else Refined(plant, vehicles.search)
@@ -148,8 +153,14 @@ class Vehicles:
 
     def judge(self, theta: Array, gains: Array) -> Array:
         """Phase margin [deg] and crossover [Hz], (B, 2)."""
-        task = self.task
-        return PILoop(self.discrete, task.experiment.Ts, task.target).judge(theta, gains)
+        return self._pi().judge(theta, gains)
+
+    def loop(self, theta: Array, gains: Array) -> ClosedLoop:
+        """One vehicle's, for small steps: in degrees, as people read them."""
+        return self._pi(IN_DEGREES).around(theta, gains)
+
+    def _pi(self, signals: tuple[str, str] = ("", "")) -> PILoop:
+        return PILoop(self.discrete, self.task.experiment.Ts, self.task.target, signals)
 
     def discrete(self, theta: Array, Ts: float) -> DiscretePlant:
         """The linear vehicles at a sampling time [s]."""

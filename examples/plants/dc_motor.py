@@ -25,7 +25,7 @@ def motor(theta):
 
 
 target = Target(phase_margin=60.0, crossover=8.0, Ts=5e-3, delay_samples=1)
-loop = PILoop.of(motor, TS, target)
+loop = PILoop.of(motor, TS, target, signals=("voltage [V]", "speed [rad/s]"))
 
 plant = plants.Plant(
     prior={"J": (1e-4, 6e-4), "b": (5e-4, 4e-3)},
@@ -40,7 +40,8 @@ plant = plants.Plant(
     noise=1.0,  # rad/s, of a tachometer
     linear=True,
     crossover=target.crossover,
-    signals=("voltage [V]", "speed [rad/s]"),
+    signals=loop.signals,
+    loop=loop.around,
     entry="dc_motor:plant",
 )
 

@@ -17,9 +17,10 @@ from tuners import plants
 from yawrate_env.excitation import prbs
 
 AREA, G = 30.0, 981.0  # cross sections [cm2], gravity [cm/s2]
-LEVEL = 10.0  # lower tank, where the loop shall work [cm]
+LEVEL, RISE = 10.0, 2.0  # lower tank, where the loop shall work and be judged by a step [cm]
 TS, N = 2.0, 600
 TAU_C = 20.0  # wanted time constant of the closed loop [s]
+SIGNALS = "pump [V]", "lower level [cm]"
 
 
 @njit
@@ -71,23 +72,45 @@ def design(theta):
 
 
 @njit
+def raised(theta, gains):
+    """Lower level [cm] and pump voltage [V] as the loop raises the level by `RISE`, one plant's."""
+    (a1, a2, pump), (kp, Ti) = theta, gains
+    level, volts = np.empty(150), np.empty(150)
+    h1, h2, integral = LEVEL * (a2 / a1) ** 2, LEVEL, a2 * sqrt(2 * G * LEVEL) / pump
+    for k in range(len(level)):
+        e = LEVEL + RISE - h2
+        level[k], volts[k] = h2, min(max(kp * e + integral, 0.0), 12.0)
+        integral += kp * TS / Ti * e
+        h1, h2 = step(h1, h2, pump * volts[k], a1, a2)
+    return level, volts
+
+
+@njit
 def judge(theta, gains):
-    """Rise time [s] and integrated error [cm s] after a step of 2 cm, with the nonlinear tanks."""
+    """Rise time [s] and integrated error [cm s] after that step, with the nonlinear tanks."""
     figures = np.empty((len(theta), 2))
-    for i, (a1, a2, pump) in enumerate(theta):
-        kp, Ti = gains[i]
-        h1, h2, integral = LEVEL * (a2 / a1) ** 2, LEVEL, a2 * sqrt(2 * G * LEVEL) / pump
-        before, rise, area = 2.0, np.inf, 0.0
-        for k in range(150):
-            e = LEVEL + 2.0 - h2
-            if e < 0.2 and rise == np.inf:  # passed 90 % since the sample before
-                rise = TS * (k - (0.2 - e) / (before - e))
+    for i in range(len(theta)):
+        level, _ = raised(theta[i], gains[i])
+        before, rise, area = RISE, np.inf, 0.0
+        for k, h2 in enumerate(level):
+            e = LEVEL + RISE - h2
+            if e < 0.1 * RISE and rise == np.inf:  # passed 90 % since the sample before
+                rise = TS * (k - (0.1 * RISE - e) / (before - e))
             before, area = e, area + TS * abs(e)
-            volts = min(max(kp * e + integral, 0.0), 12.0)
-            integral += kp * TS / Ti * e
-            h1, h2 = step(h1, h2, pump * volts, a1, a2)
         figures[i] = rise, area
     return figures
+
+
+def loop(theta, gains):
+    """That step, for reports to draw."""
+    level, volts = raised(theta, gains)
+    t = TS * np.arange(len(level))
+    return plants.ClosedLoop(
+        (
+            plants.Response(f"Step of the level by {RISE:g} cm", t, level, wanted=LEVEL + RISE),
+            plants.Response("What the pump does for it", t, volts, label=SIGNALS[0]),
+        )
+    )
 
 
 plant = plants.Plant(
@@ -100,7 +123,8 @@ plant = plants.Plant(
     u=5.0 + prbs(N, TS, bit_time=40.0, amplitude=2.0)[0],
     Ts=TS,
     noise=0.1,  # cm
-    signals=("pump [V]", "lower level [cm]"),
+    signals=SIGNALS,
+    loop=loop,
     entry="two_tanks:plant",
 )
 

@@ -11,10 +11,9 @@ from tuners.cli.grouped import PLANT, VEHICLE, Flag
 from tuners.cli.numbers import ASSIGNMENT, NONZERO, NUMBER, POSITIVE
 from tuners.logs import UNITS, Choice, Options
 from tuners.logs.columns import ROLES
-from tuners.plants.log import PlantOptions
+from tuners.plants.log import SIGNALS, PlantOptions
 
 WORDS = {"steer": "steering", "yaw_rate": "yaw rate", "speed": "speed"}
-SIGNALS = ("input", "output")
 
 Decorator = Callable[..., Any]
 Make = Callable[..., Decorator]
@@ -26,7 +25,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(command)
     def gathered(**given: Any) -> Any:
         columns = {role: given.pop(f"{role}_column") for role in (*ROLES, *SIGNALS)}
-        units = {role: given.pop(f"{role}_unit") for role in ROLES}
+        units = {role: given.pop(f"{role}_unit") for role in (*ROLES, *SIGNALS)}
         choice = Choice(_said(columns), _said(units))
         stretch = {name: given.pop(name) for name in ("Ts", "start", "stop")}
         vehicle = Options(
@@ -110,9 +109,11 @@ def _vehicles() -> list[Decorator]:
 def _plants() -> list[Decorator]:
     flag = functools.partial(click.option, cls=Flag, kind=PLANT)
     scale = functools.partial(flag, type=NONZERO, default=1.0, show_default=True)
-    words = "What the {} is multiplied by to be in the plant's unit and sign."
+    unit = "Unit of the {}, as in mV. [default: what the log says, or the plant's]"
+    words = "What the {} is multiplied by, once it is in the plant's unit; -1 turns it round."
     return [
         *(_column(flag, signal, f"the {signal}") for signal in SIGNALS),
+        *(flag(f"--{signal}-unit", metavar="UNIT", help=unit.format(signal)) for signal in SIGNALS),
         *(scale(f"--{signal}-scale", help=words.format(signal)) for signal in SIGNALS),
         flag(
             "--measured", type=ASSIGNMENT, multiple=True,

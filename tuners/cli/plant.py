@@ -11,6 +11,7 @@ import numpy as np
 from tuners.cli.answer import plain
 from tuners.cli.hints import Array, Trial, hints
 from tuners.plants.log import PlantLog, PlantOptions, read_log
+from tuners.plants.names import valued
 from tuners.plants.result import PlantResult
 from tuners.words import best, between, every
 
@@ -140,6 +141,6 @@ def _because(result: PlantResult, reason: str) -> str:
 
 def described(log: PlantLog) -> str:
     """One line about a log."""
-    beside = "".join(f", {name} {value:.4g}" for name, value in log.measured.items())
+    beside = "".join(f", {valued(*measured)}" for measured in log.measured.items())
     end = log.t0 + log.duration
     return f"{log.source}: {log.t0:.2f} to {end:.2f} s, {every(log.Ts)}{beside}"

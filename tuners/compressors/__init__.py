@@ -8,16 +8,18 @@ from numpy.typing import NDArray
 
 from tuners.compressors.armax import Armax
 from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.regularised import Regularised
 from tuners.compressors.response import FrequencyResponse
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
 
-FirstStage = Armax | Laguerre | FrequencyResponse
+FirstStage = Armax | Laguerre | Regularised | FrequencyResponse
 
 COMPRESSORS: dict[str, type[FirstStage]] = {
     "armax": Armax,
     "laguerre": Laguerre,
+    "regularised": Regularised,
     "response": FrequencyResponse,
 }
 
@@ -42,8 +44,8 @@ def check(stage: Any) -> None:
     """``ValueError`` for what is no first stage."""
     if not isinstance(stage, FirstStage):
         raise ValueError(
-            f"compressor = {stage!r} is no first stage. Give an Armax, a Laguerre or a "
-            "FrequencyResponse."
+            f"compressor = {stage!r} is no first stage. Give an Armax, a Laguerre, a "
+            "Regularised or a FrequencyResponse."
         )
 
 

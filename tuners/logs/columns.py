@@ -30,7 +30,7 @@ UNITS = {
     "yaw_rate": {"rad/s": 1.0, "deg/s": np.pi / 180},
     "speed": {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704},
 }
-_SPELLINGS = {
+SPELLINGS = {
     "s": "s sec seconds", "ms": "ms", "us": "us µs", "ns": "ns",
     "rad": "rad radians", "deg": "deg ° degrees degree grad",
     "rad/s": "rad/s rads radps rad_s rad/sec", "deg/s": "deg/s degs degps deg_s °/s deg/sec dps",
@@ -126,7 +126,7 @@ def _split(name: str, role: str) -> tuple[str, str]:
     if bracketed:
         return last.replace(bracketed.group(), "").strip(), bracketed.group(1)
     for unit in UNITS[role]:
-        for spelling in _SPELLINGS[unit].split():
+        for spelling in SPELLINGS[unit].split():
             if last.lower().endswith(f"_{spelling}"):
                 return last[: -len(spelling) - 1], spelling
     return last, ""
@@ -139,7 +139,7 @@ def _unit_of(role: str, name: str, stated: str) -> str:
     if not re.search(r"[^\W\d_]|[°%]", wanted):
         return next(iter(UNITS[role]))
     for unit in UNITS[role]:
-        if wanted in _SPELLINGS[unit].split():
+        if wanted in SPELLINGS[unit].split():
             return unit
     flag = role.replace("_", "-")
     raise LogError(

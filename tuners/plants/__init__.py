@@ -4,6 +4,7 @@
 ``plants.load(file)`` reads one back.  `docs/plants.md` is the guide.
 """
 
+from tuners.plants.closed_loop import ClosedLoop, OpenLoop, Response
 from tuners.plants.coordinates import LOG, Coordinates, loop
 from tuners.plants.entry import find
 from tuners.plants.figure import Figure
@@ -14,12 +15,15 @@ from tuners.plants.tuner import PlantTuner, load
 
 __all__ = [
     "LOG",
+    "ClosedLoop",
     "Coordinates",
     "Figure",
+    "OpenLoop",
     "Plant",
     "PlantFit",
     "PlantResult",
     "PlantTuner",
+    "Response",
     "find",
     "load",
     "loop",

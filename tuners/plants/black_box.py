@@ -18,20 +18,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.compressors.laguerre import Laguerre, lifted
+from tuners.compressors.regularised import Regularised, regularised
 from tuners.plants.data import sample
 from tuners.plants.plant import Plant
 from yawrate_env import validation
+from yawrate_env.episode import stream
 
 Array = NDArray[np.float64]
 
 STARTS = ("auto", "rest", "unknown")
 ORDERS = (16, 24, 32)
 
-_PLANTS, _MORE_PLANTS, _POLES = 16, 64, 25
+_PLANTS, _MORE_PLANTS, _MOST_PLANTS, _POLES = 16, 64, 512, 25
+_SEED = 21
 _HIDDEN = 4.0  # of the noise's variance, where a start has some twenty unknowns
 _SAMPLES = 10  # for each function, at least
 _SIGNIFICANT = 4.0  # standard deviations of the statistic under rest
 _LARGEST_KEPT = 20_000  # samples: 3 MB
+_SMALLEST = 1e-3  # component of the prior's coefficients, beside the largest
 _NEGLIGIBLE = 3e-6  # of the output's energy: the functions themselves may leave out as much
 
 
@@ -110,6 +114,15 @@ def suited(plant: Plant, order: int) -> Laguerre:
     fits = (black_box(plant, model, plant.u[None], y, "rest") for model in models)
     left = [(fit.residual / energy).mean() for fit in fits]
     return models[int(np.argmin(left))]
+
+
+def suited_to_any_input(plant: Plant, order: int) -> Regularised:
+    """The same, with what the prior's coefficients have in common, from inputs of their own."""
+    functions = suited(plant, order)
+    u = plant.inputs(stream(_SEED, 0, _MOST_PLANTS, 1)[:, 0])
+    y = plant.respond(sample(plant, _MOST_PLANTS), u)
+    coefficients = functions.coefficients(u, y, plant.Ts, np.empty((0, y.shape[1])))
+    return regularised(functions, coefficients, _SMALLEST)
 
 
 def free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, float]:

@@ -21,7 +21,7 @@ SHORTEST = 16
 """Samples that an experiment has at least."""
 
 _FUNCTIONS = {"simulate": False, "design": False, "judge": True, "excite": True, "record": True,
-              "gray_box": True}  # fmt: skip
+              "gray_box": True, "loop": True}  # fmt: skip
 """Whether None may stand for them."""
 
 

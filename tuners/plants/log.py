@@ -1,10 +1,9 @@
 """A plant's recording from a log file in any format that `tuners.logs` reads.
 
-What is known of a vehicle's signals, their names and units and what a car can do, is not known
-of a plant's; all else is done to its log as to a vehicle's.
+What a vehicle's signals are called and what a car can do is not known of a plant's; all else is
+done to its log as to a vehicle's.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,20 +11,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.logs import columns
-from tuners.logs.columns import Choice, Quantity
+from tuners.logs.columns import Choice, Quantity, listed, named, of_role
 from tuners.logs.excitation import band_around
 from tuners.logs.formats import read_table
 from tuners.logs.log import best_excited, between
 from tuners.logs.sampling import Plan, sampled
 from tuners.logs.table import LogError, SelectionError, Table
 from tuners.logs.time_base import Pace, TimeBase
+from tuners.plants.columns import Wanted, called, plain, quantity
+from tuners.plants.names import split
 from tuners.plants.plant import Plant
 from tuners.plants.tuner import slowest
 from tuners.plausible import STEADY, UNSTEADY
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
+
+SIGNALS = "input", "output"
 
 SHORTEST, LONGEST = 0.3, 2.0
 """How much of a recording is used at least and, unless a stretch is chosen, at most, in lengths
@@ -42,9 +44,9 @@ class PlantOptions:
     Attributes
     ----------
     choice : Choice
-        Columns of ``input``, ``output`` and ``time``, and the unit of time.
+        Columns and units of ``input``, ``output`` and ``time``.
     input_scale, output_scale : float
-        What a column is multiplied by to be in the plant's unit and sign.
+        What a column is multiplied by, once it is in the plant's unit.
     measured : dict
         Measured parameters to their values, or to the columns whose means they are.
     Ts : float or None
@@ -111,7 +113,7 @@ def read_log(path: Path, plant: Plant, options: PlantOptions | None = None) -> P
     options = options or PlantOptions()
     given = _given(plant, options.measured)
     table = read_table(path)
-    found = _found(table, plant, options)
+    found, converted = _found(table, plant, options, given)
     beside = tuple(name for name in plant.measured if name in found)
     length = len(plant.u) * plant.Ts
     limit = slowest(plant)
@@ -123,58 +125,65 @@ def read_log(path: Path, plant: Plant, options: PlantOptions | None = None) -> P
     u, y = signals["input"][part], signals["output"][part]
     _check_moving(u, y, plant)
     means, varied = _means(plant, {n: signals[n][part] for n in beside})
-    measured = means | given
+    measured = means | {n: v for n, v in given.items() if not isinstance(v, str)}
     _check_complete(plant, measured)
     return PlantLog(
         path.name, float(base.grid[part.start]), base.Ts, u, y, measured,
-        (*table.notes, *lost, *base.notes, *chosen, *varied),
+        (*table.notes, *lost, *converted, *base.notes, *chosen, *varied),
     )  # fmt: skip
 
 
-def _given(plant: Plant, measured: Mapping[str, float | str]) -> dict[str, float]:
-    """Numbers that the user measured; only what the plant calls measured can be."""
-    for name in measured:
+def _given(plant: Plant, measured: Mapping[str, float | str]) -> dict[str, float | str]:
+    """What the user measured, its unit named or not; only what the plant calls measured can be."""
+    whole = {plain(name): name for name in plant.measured}
+    given: dict[str, float | str] = {}
+    for name, value in measured.items():
         if not plant.measured:
             raise SelectionError(f"--measured {name}: nothing is measured beside this plant.")
+        meant = name if name in plant.measured else whole.get(plain(name), name)
         try:
-            validation.one_of("--measured", name, tuple(plant.measured))
+            given[validation.one_of("--measured", meant, tuple(plant.measured))] = value
         except ValueError as error:
             raise SelectionError(str(error)) from None
-    return {name: value for name, value in measured.items() if not isinstance(value, str)}
+    return given
 
 
-def _found(table: Table, plant: Plant, options: PlantOptions) -> dict[str, Quantity]:
-    """Quantities by role, in the plant's units; measured parameters by their names."""
-    names = {_plain(name): name for name in reversed(table.names)}
-    scales = {"input": options.input_scale, "output": options.output_scale}
-    wanted = {role: (_plain(signal), short) for role, signal, short in
-              zip(scales, plant.signals, "uy", strict=True)}  # fmt: skip
-    time = columns.of_role("time", table, options.choice)
-    found = {} if time is None else {"time": time}
-    for role, called in wanted.items():
-        chosen = options.choice.columns.get(role)
-        name = next((names[n] for n in called if n in names), None)
-        name = name if chosen is None else columns.named(chosen, role, table.names)
-        if name is None:
-            raise LogError(
-                f"No column is called {' or '.join(dict.fromkeys(called))}; there are "
-                f"{columns.listed(table.names)}. Name one with --{role}-column."
-            )
-        found[role] = _quantity(table, name, scales[role])
+def _found(
+    table: Table, plant: Plant, options: PlantOptions, given: Mapping[str, float | str]
+) -> tuple[dict[str, Quantity], list[str]]:
+    """Quantities by role, in the plant's units, and notes; measured parameters by their names."""
+    time = of_role("time", table, options.choice)
+    found, notes = {} if time is None else {"time": time}, []
+    scales = options.input_scale, options.output_scale
+    for role, signal, short, scale in zip(SIGNALS, plant.signals, "uy", scales, strict=True):
+        name = _column(table, role, (signal, short), options.choice)
+        wanted = Wanted(signal, f"--{role}", options.choice.units.get(role, ""), scale)
+        found[role], words = quantity(table, name, wanted)
+        notes += words
     if found["input"].name == found["output"].name:
         raise SelectionError(f"Input and output are both column {found['input'].name}.")
     for parameter in plant.measured:
-        given = options.measured.get(parameter)
-        if isinstance(given, str):
-            found[parameter] = _quantity(table, columns.named(given, parameter, table.names))
-        elif given is None and _plain(parameter) in names:
-            found[parameter] = _quantity(table, names[_plain(parameter)])
+        meant = given[parameter] if parameter in given else called(parameter, table)
+        if isinstance(meant, str):
+            column = named(meant, parameter, table.names)
+            found[parameter], words = quantity(table, column, Wanted(parameter))
+            notes += words
+    return found, notes
+
+
+def _column(table: Table, role: str, names: tuple[str, str], choice: Choice) -> str:
+    """The column that the user chose, or that has one of the names."""
+    chosen = choice.columns.get(role)
+    if chosen is not None:
+        return named(chosen, role, table.names)
+    found = next((column for column in (called(n, table) for n in names) if column), None)
+    if found is None:
+        words = " or ".join(dict.fromkeys(split(name)[0] for name in names))
+        raise LogError(
+            f"No column is called {words}; there are {listed(table.names)}. Name one with "
+            f"--{role}-column."
+        )
     return found
-
-
-def _quantity(table: Table, name: str, scale: float = 1.0) -> Quantity:
-    column = table.column(name)
-    return Quantity(name, "", scale * column.values, column.time)
 
 
 def _stretch(
@@ -206,10 +215,11 @@ def _check_moving(u: Array, y: Array, plant: Plant) -> None:
 def _check_complete(plant: Plant, measured: dict[str, float]) -> None:
     for name in plant.shown_names:
         if name not in measured:
-            low, high = plant.prior[name]
+            (low, high), (words, unit) = plant.prior[name], split(name)
+            made = f"{low:g} to {high:g} {unit}".rstrip()
             raise LogError(
-                f"No column is called {name}, and this tuner covers {low:g} to {high:g}. "
-                f"Give what was measured, as in --measured {name}={high:g}."
+                f"No column is called {words}, and this tuner covers {made}. "
+                f"Give what was measured, as in --measured {words}={high:g}."
             )
 
 
@@ -230,8 +240,3 @@ def _means(plant: Plant, signals: dict[str, Array]) -> tuple[dict[str, float], l
             notes.append(f"{name} varies by {variation:.0%} of {words}, which counts.")
         means[name] = mean
     return means, notes
-
-
-def _plain(signal: str) -> str:
-    """A name without its unit, in lower case."""
-    return re.sub(r"[\[(].*?[\])]", "", signal).strip().lower()

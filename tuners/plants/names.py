@@ -14,6 +14,24 @@ CHECKS = (
 """Checks of a recording that no plant names."""
 
 
+def split(name: str) -> tuple[str, str]:
+    """A name without its unit, and the unit: ``speed [rad/s]`` in two."""
+    words, _, unit = name.partition(" [")
+    return words, unit.removesuffix("]")
+
+
+def valued(name: str, value: float) -> str:
+    """A quantity and its value: ``speed 20 rad/s``."""
+    words, unit = split(name)
+    return f"{words} {value:.4g} {unit}".rstrip()
+
+
+def word(signal: str, otherwise: str) -> str:
+    """A signal's name without its unit; what it is, where the name is a symbol or missing."""
+    name, _ = split(signal)
+    return name if len(name) > 1 else otherwise
+
+
 def check_names(
     prior: Sequence[str], gains: Sequence[str], figures: Sequence[str], measured: Sequence[str]
 ) -> None:
@@ -45,4 +63,4 @@ def check_names(
 
 def check_name(figure: str, what: str) -> str:
     """How the check of a figure's ``error`` or ``spread`` is called: without its unit."""
-    return f"{figure.partition(' [')[0].replace(' ', '_')}_{what}"
+    return f"{split(figure)[0].replace(' ', '_')}_{what}"

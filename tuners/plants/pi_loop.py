@@ -12,10 +12,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env import simulation
+from tuners.plants.closed_loop import ClosedLoop, OpenLoop, Response
+from tuners.plants.names import split, word
+from yawrate_env import closed_loop, simulation
 from yawrate_env.discretisation import DiscretePlant, zoh
 from yawrate_env.judge import Judge
-from yawrate_env.loop import TransferFunction
+from yawrate_env.loop import TransferFunction, open_loop
 from yawrate_env.task import Target
 
 Array = NDArray[np.float64]
@@ -37,16 +39,25 @@ class PILoop:
         Sampling time of the experiment [s].
     target : Target
         What the loop must do, and the controller's sampling time.
+    signals : tuple of str
+        What input and output are called in pictures, with their units, as the plant says it.
     """
 
     discrete: Callable[[Array, float], DiscretePlant]
     Ts: float
     target: Target
+    signals: tuple[str, str] = ("", "")
 
     @classmethod
-    def of(cls, model: Callable[[Array], Any], Ts: float, target: Target) -> Self:
+    def of(
+        cls,
+        model: Callable[[Array], Any],
+        Ts: float,
+        target: Target,
+        signals: tuple[str, str] = ("", ""),
+    ) -> Self:
         """Loop of a continuous python-control model ``model(theta)``, one plant at a time."""
-        return cls(_Modelled(model), Ts, target)
+        return cls(_Modelled(model), Ts, target, signals)
 
     def simulate(self, theta: Array, u: Array, rng: Any) -> Array:
         """Noise-free outputs (B, N) from rest."""
@@ -64,6 +75,35 @@ class PILoop:
         found = np.where(np.isfinite(found), found, np.inf)
         return np.where(verdict.stable[:, None], found, np.nan)
 
+    def around(self, theta: Array, gains: Array) -> ClosedLoop:
+        """The loop of gains (2,) around one plant (p,), for reports to draw."""
+        target, judge = self.target, self._judge(theta[None])
+        kp, Ti = gains[:, None]
+        verdict = judge(kp, Ti)
+        frequency = np.geomspace(target.crossover / 30, 0.4999 / target.Ts, 400)
+        L = open_loop(judge.transfer_function, kp, Ti, target)(2 * np.pi * frequency)[0]
+        return ClosedLoop(
+            self._responses(judge.plant, kp, Ti),
+            OpenLoop(frequency, L, verdict.margins),
+            bool(verdict.stable[0]),
+        )
+
+    def _responses(self, plant: DiscretePlant, kp: Array, Ti: Array) -> tuple[Response, Response]:
+        """Of the output to a reference, and to what is added to the input."""
+        target, (input, output) = self.target, self.signals
+        time = target.Ts * np.arange(round(4 / target.crossover / target.Ts) + 1, dtype=np.float64)
+        one, zero = np.ones(len(time)), np.zeros(len(time))
+        with np.errstate(over="ignore", invalid="ignore"):
+            step, _ = closed_loop.time_response(plant, kp, Ti, target, one)
+            after, _ = closed_loop.time_response(plant, kp, Ti, target, zero, one)
+        of_input, at_once = word(input, "input"), abs(float(plant.B[0] @ plant.C))
+        stepped, disturbed = (f"by 1 {split(signal)[1]}".rstrip() for signal in (output, input))
+        titles = f"Step of the reference {stepped}", f"Disturbance of the {of_input} {disturbed}"
+        return (
+            Response(titles[0], time, _bounded(step[0]), 1.0, output),
+            Response(titles[1], time, _bounded(after[0], at_once), 0.0, output),
+        )
+
     def _judge(self, theta: Array) -> Judge:
         plant = self.discrete(theta, self.target.Ts)
         return Judge(plant, TransferFunction.of(plant, self.target.delay_samples), self.target)
@@ -77,6 +117,12 @@ class _Modelled:
 
     def __call__(self, theta: Array, Ts: float) -> DiscretePlant:
         return zoh(*_state_space([self.model(row) for row in theta]), Ts)
+
+
+def _bounded(values: Array, least: float = 1.0) -> Array:
+    """Without what follows once a loop has run away, a thousand times this or 1."""
+    lost = np.maximum.accumulate(~(np.abs(values) < 1e3 * max(least, 1.0)))
+    return np.where(lost, np.nan, values)
 
 
 def _state_space(models: list[Any]) -> tuple[Array, Array, Array]:

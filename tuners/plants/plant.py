@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tuners.compressors.laguerre import Laguerre
 from tuners.plants.calls import called
 from tuners.plants.checks import check_settings
+from tuners.plants.closed_loop import ClosedLoop
 from tuners.plants.coordinates import LOG, Coordinates
 from tuners.plants.figure import Figure
 from tuners.plants.trial import check_functions
@@ -105,7 +106,8 @@ class Plant:
     batched : bool
         Whether the functions take B plants at once, or ``(p,)`` and ``(k,)`` of one.
     signals : tuple of str
-        What input and output are called in pictures.
+        What input and output are called in pictures and logs.  Their units, and those of measured
+        parameters, are in brackets: ``speed [rad/s]``.
     entry : str
         ``module:attribute`` where the description is found again; saved tuners name it.
     record : callable, optional
@@ -118,6 +120,9 @@ class Plant:
     search_limits : dict, optional
         Parameters to how far they are searched; by default half a range beyond the prior,
         parameters that are positive staying so.
+    loop : callable, optional
+        ``loop(theta, gains)``, of one plant: parameters (p,) and gains (k,) to the `ClosedLoop`
+        that reports draw.
     black_box : Laguerre, optional
         Functions that explain every plant; otherwise so many as it takes, with a pole that
         suits the prior.
@@ -145,6 +150,7 @@ class Plant:
     record: Callable[[Array, Array, Words], Array] | None = None
     gray_box: Search | None = None
     search_limits: Mapping[str, Range] = field(default_factory=dict)
+    loop: Callable[[Array, Array], ClosedLoop] | None = None
     black_box: Laguerre | None = None
 
     def __post_init__(self) -> None:
@@ -275,6 +281,15 @@ class Plant:
         if self.target is not None:
             return np.tile(np.array(self.target), (len(theta), 1))
         return self.judged(theta, self.oracle(theta))
+
+    def closed(self, theta: Array, gains: Array) -> ClosedLoop | None:
+        """The loop of gains (k,) around one plant (p,); None where there is nothing to draw."""
+        if self.loop is None or not np.isfinite(gains).all():
+            return None
+        drawn = called("loop", self.loop, theta.copy(), gains.copy())
+        remedy = "Give responses, an open loop, or both."
+        validation.instance("loop's answer", drawn, ClosedLoop, remedy=remedy)
+        return drawn  # type: ignore[no-any-return]
 
     def errors(self, theta: Array, gains: Array) -> Array:
         """Figures' distances from those wanted, (B, f), in units of their own."""

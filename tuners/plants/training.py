@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.plants.black_box import functions_for, suited
+from tuners.plants.black_box import functions_for, suited, suited_to_any_input
 from tuners.plants.data import Episodes, Examples, designed, episodes, examples
 from tuners.plants.entry import find
 from tuners.plants.plant import Plant
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 Answer = Callable[[Episodes], tuple[Array, Assessment]]
 
-ORDER, MORE = 8, 16
+ORDER, MORE = 8, 24
 CALIBRATION = 500
 LEAST_PLANTS = 50
 
@@ -30,12 +30,13 @@ def recipe_for(plant: Plant) -> Recipe:
     """Laguerre features with a pole that suits the plant, a small network, fresh noise.
 
     What a few functions leave out of one input a network learns; where every episode has an
-    input of its own it takes more functions, and more plants.
+    input of its own it takes more functions, which the prior holds together, and more plants.
     """
-    learner = FeedForwardSettings(neurons=16, max_fail=10, epochs=300)
-    order, count = (ORDER, 1000) if plant.excite is None else (MORE, 2000)
-    order = min(order, len(plant.u) // 10)
-    return Recipe(suited(plant, order), learner, noise_draws=6, vehicles=count)
+    learner, most = FeedForwardSettings(neurons=16, max_fail=10, epochs=300), len(plant.u) // 10
+    if plant.excite is None:
+        return Recipe(suited(plant, min(ORDER, most)), learner, noise_draws=6, vehicles=1000)
+    compressor = suited_to_any_input(plant, min(MORE, most))
+    return Recipe(compressor, learner, noise_draws=6, vehicles=2000)
 
 
 def fit(

@@ -41,6 +41,7 @@ def check_functions(plant: "Plant") -> None:
         return
     _check_coordinates(plant, gains)
     _tried(plant, "judge", lambda: plant.judged(theta, gains), len(plant.figures))
+    _said_where("loop", plant.closed, theta[0], gains[0])
 
 
 def _check_simulator(plant: "Plant", theta: Array) -> tuple[Array, Array]:

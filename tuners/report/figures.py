@@ -16,10 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
 
-from tuners.report.loops import Loop
+from tuners.plants.closed_loop import OpenLoop, Response
+from tuners.plants.names import split
+from tuners.report.numbers import hertz
 from tuners.report.residuals import Correlation
 from yawrate_env import rendering
-from yawrate_env.task import Target
 
 Array = NDArray[np.float64]
 
@@ -85,49 +86,54 @@ def recording(traces: Traces, width: float) -> Figure:
     return picture
 
 
-def bode(loop: Loop, target: Target) -> Figure:
+def bode(loop: OpenLoop) -> Figure:
     """The open loop with its margins marked."""
-    margins = loop.verdict.margins
+    margins = loop.marked
     crossover, turn = float(margins.crossover[0]), float(margins.phase_crossover[0])
+    magnitude, phase = loop.magnitude, loop.phase
     with style.context(["default", STYLE]):
         picture = Figure(figsize=(HALF, 4.4))
         above, below = picture.subplots(2, 1, sharex=True)
         line: dict[str, Any] = {"color": rendering.LOOP, "lw": 1.8}
-        above.semilogx(loop.frequency, loop.magnitude, **line)
-        below.semilogx(loop.frequency, loop.phase, **line)
+        above.semilogx(loop.frequency, magnitude, **line)
+        below.semilogx(loop.frequency, phase, **line)
         above.axhline(0, color=rendering.INK, lw=0.8)
         below.axhline(-180, color=rendering.INK, lw=0.8)
-        above.set(ylabel="magnitude [dB]", ylim=(-50, max(30, float(loop.magnitude.max()) + 5)))
+        above.set(ylabel="magnitude [dB]", ylim=(-50, max(30, float(magnitude.max()) + 5)))
         below.set(
             ylabel="phase [deg]",
             xlabel="frequency [Hz]",
-            ylim=(-285, max(-30.0, float(loop.phase.max()) + 15)),
+            ylim=(-285, max(-30.0, float(phase.max()) + 15)),
         )
         below.yaxis.set_major_locator(MultipleLocator(45))
         _hertz(below)
         if np.isfinite(crossover):
             bottom = -180 + float(margins.phase_margin[0])
-            _mark(above, crossover, 0.0, f"{crossover:.2f} Hz", (7, 7))
+            _mark(above, crossover, 0.0, f"{hertz(crossover)} Hz", (7, 7))
             _span(below, crossover, bottom, f"{bottom + 180:.1f}°", align="right")
         if np.isfinite(turn):
             gain = float(margins.gain_margin[0])
             _span(above, turn, -gain, f"{gain:.1f} dB", 0.0)
-            _mark(below, turn, -180.0, f"{turn:.2f} Hz", (-7, -14), "right")
+            _mark(below, turn, -180.0, f"{hertz(turn)} Hz", (-7, -14), "right")
     return picture
 
 
-def responses(loop: Loop) -> Figure:
-    """Yaw rate after a step of the reference, and after a step of the steering."""
+def responses(drawn: tuple[Response, ...], output: str, width: float = HALF) -> Figure:
+    """What a loop does over time.
+
+    Parameters
+    ----------
+    output : str
+        Label of the responses that have none of their own.
+    """
     with style.context(["default", STYLE]):
-        picture = Figure(figsize=(HALF, 4.4))
-        above, below = picture.subplots(2, 1, sharex=True)
-        above.axhline(1, color=rendering.TARGET, lw=1.0, dashes=(4, 3))
-        above.plot(loop.time, loop.step, color=rendering.LOOP, lw=1.8)
-        above.set(title="Step of the reference by 1 deg/s", ylabel="yaw rate [deg/s]")
-        below.axhline(0, color=rendering.TARGET, lw=1.0, dashes=(4, 3))
-        below.plot(loop.time, loop.disturbance, color=rendering.LOOP, lw=1.8)
-        below.set(title="Disturbance of the steering by 1 deg", ylabel="yaw rate [deg/s]")
-        below.set(xlabel="time [s]", xlim=(0, loop.time[-1]))
+        picture = Figure(figsize=(width, max(2.6, 2.2 * len(drawn))))
+        every = picture.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, response in zip(every, drawn, strict=True):
+            axes.axhline(response.wanted, color=rendering.TARGET, lw=1.0, dashes=(4, 3))
+            axes.plot(response.time, response.value, color=rendering.LOOP, lw=1.8)
+            axes.set(title=response.title, ylabel=response.label or output)
+        every[-1].set(xlabel="time [s]", xlim=(0, max(r.time[-1] for r in drawn)))
     return picture
 
 
@@ -162,8 +168,8 @@ def svg(picture: Figure, name: str) -> str:
 
 def _two_lines(label: str, unit_of: str = "") -> str:
     """A name above its unit, or above another's."""
-    name, bracket, unit = (label if not unit_of else unit_of).partition(" [")
-    return f"{label if unit_of else name}\n[{unit}" if bracket else label
+    name, unit = split(unit_of or label)
+    return f"{label if unit_of else name}\n[{unit}]" if unit else label
 
 
 def _mark(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import yawrate_env
 from tuners.report import figures
 from tuners.report.figures import Traces
+from tuners.report.numbers import minus
 from tuners.report.residuals import Correlation, autocorrelation, cross_correlation
 from tuners.result import Check, Interval
 from tuners.words import between
@@ -81,8 +82,3 @@ def judged(name: str, interval: Interval, unit: str) -> Number:
 def rows(checks: Iterable[Check], words: dict[str, tuple[str, str]]) -> list[Any]:
     """Checks with their names and units for people."""
     return [(c, *words.get(c.name, (c.name.replace("_", " "), ""))) for c in checks]
-
-
-def minus(number: str) -> str:
-    """A number with a true minus sign."""
-    return number.replace("-", "−")

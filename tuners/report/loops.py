@@ -1,68 +1,52 @@
-"""The loop of an answer around the vehicle that its fit found: what the figures show."""
+"""The loop of an answer around the plant that its fit found: pictures and margins."""
 
-from dataclasses import dataclass
-from typing import Self
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from yawrate_env import closed_loop
-from yawrate_env.judge import Judge, Verdict
-from yawrate_env.loop import open_loop
-from yawrate_env.task import Task
-from yawrate_env.vehicle import Context
+from tuners.plants.closed_loop import ClosedLoop
+from tuners.report import figures
+from tuners.report.numbers import hertz, minus, seconds
+from yawrate_env.loop import Margins
 
-Array = NDArray[np.float64]
+Row = tuple[str, str, str]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Loop:
-    """One loop in numbers.
+def pictured(loop: ClosedLoop | None, output: str) -> dict[str, Any]:
+    """What the figures of a page show of it, by name.
 
-    Attributes
-    ----------
-    verdict : Verdict
-        Its margins, and whether it is stable.
-    frequency, magnitude, phase : NDArray
-        (F,) open loop [Hz], [dB], [deg].
-    time, step, command, disturbance : NDArray
-        (N,) [s]; yaw rate and steering for a reference step of 1, and the yaw rate [rad/s]
-        for a steering disturbance of 1 rad; ``nan`` where an unstable loop has run away.
+    Without a frequency response beside them, responses are drawn for wide and narrow pages.
     """
-
-    verdict: Verdict
-    frequency: Array
-    magnitude: Array
-    phase: Array
-    time: Array
-    step: Array
-    command: Array
-    disturbance: Array
-
-    @classmethod
-    def of(cls, task: Task, context: Context, kp: float, Ti: float) -> Self:
-        """Close the loop of gains around a vehicle (a batch of one)."""
-        judge, target = Judge.of(task, context), task.target
-        gains = np.array([kp]), np.array([Ti])
-        frequency = np.geomspace(target.crossover / 30, 0.4999 / target.Ts, 400)
-        L = open_loop(judge.transfer_function, *gains, target)(2 * np.pi * frequency)[0]
-        phase = np.unwrap(np.angle(L))
-        phase -= 2 * np.pi * np.ceil((phase[0] - np.pi / 2) / (2 * np.pi))
-        time = target.Ts * np.arange(round(4 / target.crossover / target.Ts) + 1, dtype=np.float64)
-        one, zero = np.ones(len(time)), np.zeros(len(time))
-        with np.errstate(over="ignore", invalid="ignore"):
-            step, command = closed_loop.time_response(judge.plant, *gains, target, one)
-            after, _ = closed_loop.time_response(judge.plant, *gains, target, zero, one)
-        return cls(
-            judge(*gains),
-            frequency,
-            20 * np.log10(np.abs(L)),
-            np.degrees(phase),
-            time,
-            *(_bounded(values[0]) for values in (step, command, after)),
-        )
+    if loop is None:
+        return {}
+    drawn, responses = {}, loop.responses
+    if loop.open is not None:
+        drawn["bode"] = figures.bode(loop.open)
+    if responses and loop.open is not None:
+        drawn["responses"] = figures.responses(responses, output)
+    elif responses:
+        drawn["responses_wide"] = figures.responses(responses, output, figures.FULL)
+        drawn["responses_narrow"] = figures.responses(responses, output)
+    return drawn
 
 
-def _bounded(values: Array, largest: float = 1e3) -> Array:
-    lost = np.maximum.accumulate(~(np.abs(values) < largest))
-    return np.where(lost, np.nan, values)
+def margins(loop: ClosedLoop | None) -> list[Row]:
+    """Names, values and what they mean; nothing where there is no frequency response."""
+    return [] if loop is None or loop.open is None else _rows(loop.open.marked)
+
+
+def _rows(margins: Margins) -> list[Row]:
+    phase, crossover, gain, _, modulus, delay = (
+        float(getattr(margins, name)[0]) for name in Margins.__slots__
+    )
+    rows = [
+        ("Phase margin", phase, f"{phase:.1f}°", "at the crossover"),
+        ("Crossover", crossover, f"{hertz(crossover)} Hz", "where the loop gain falls through 1"),
+        ("Gain margin", gain, f"{gain:.1f} dB", "at the phase crossover"),
+        ("Modulus margin", modulus, f"{modulus:.2f}", "least distance of the loop from −1"),
+        ("Delay margin", delay, seconds(delay), "further delay that it bears"),
+    ]
+    return [
+        (name, minus(shown) if np.isfinite(value) else "none", words)
+        for name, value, shown, words in rows
+    ]

@@ -7,12 +7,13 @@ import numpy as np
 
 from tuners.forms import Forms
 from tuners.logs import Log
-from tuners.report import figures
+from tuners.report import loops
 from tuners.report.figures import Traces
-from tuners.report.layout import Residuals, judged, minus, page, pictures, rows
-from tuners.report.loops import Loop
+from tuners.report.layout import Residuals, judged, page, pictures, rows
+from tuners.report.numbers import minus
 from tuners.result import TuningResult
 from tuners.words import instead
+from tuners.yaw_rate import IN_DEGREES, theta_of, yaw_rate
 from yawrate_env.files import write_text
 from yawrate_env.task import Task
 
@@ -49,6 +50,7 @@ def render(result: TuningResult, log: Log, task: Task, tuner: str) -> str:
         result=result,
         log=log,
         tuner=tuner,
+        subject="vehicle",
         input="steering",
         output="yaw rate",
         instead=instead(result.fallback),
@@ -70,38 +72,19 @@ def _fit(result: TuningResult, log: Log, task: Task) -> dict[str, Any]:
     fit = result.fit
     if fit is None:
         return {"fit": None}
-    loop = Loop.of(task, fit.context, result.kp, result.Ti)
+    gains = np.array([result.kp, result.Ti])
+    loop = yaw_rate(task).closed(theta_of(fit.context)[0], gains)
     residuals = Residuals.of(fit.residual, fit.command, fit.Ts, log.recorded_Ts, LONGEST_LAG)
     steer, measured, simulated = map(np.degrees, (fit.command, fit.measured, fit.simulated))
-    labels = "steering [deg]", "yaw rate [deg/s]"
-    traces = Traces(log.t0, fit.Ts, steer, measured, simulated, labels)
-    more = {"bode": figures.bode(loop, task.target), "responses": figures.responses(loop)}
+    traces = Traces(log.t0, fit.Ts, steer, measured, simulated, IN_DEGREES)
+    drawn = loops.pictured(loop, IN_DEGREES[1])
     return {
         "fit": fit,
-        "stable": bool(loop.verdict.stable[0]),
-        "margins": _margins(loop),
+        "loop": loop,
+        "margins": loops.margins(loop),
         "residuals": residuals,
-        "svg": pictures(traces, residuals, "steering", **more),
+        "svg": pictures(traces, residuals, "steering", **drawn),
     }
-
-
-def _margins(loop: Loop) -> list[tuple[str, str, str]]:
-    m = loop.verdict.margins
-    rows = [
-        ("Phase margin", m.phase_margin, 1.0, "°", ".1f", "at the crossover"),
-        ("Crossover", m.crossover, 1.0, " Hz", ".2f", "where the loop gain falls through 1"),
-        ("Gain margin", m.gain_margin, 1.0, " dB", ".1f", "at the phase crossover"),
-        ("Modulus margin", m.modulus_margin, 1.0, "", ".2f", "least distance of the loop from −1"),
-        ("Delay margin", m.delay_margin, 1e3, " ms", ".0f", "further delay that it bears"),
-    ]
-    return [
-        (
-            name,
-            minus(f"{scale * value[0]:{form}}") + unit if np.isfinite(value[0]) else "none",
-            words,
-        )
-        for name, value, scale, unit, form, words in rows
-    ]
 
 
 def _assumed(result: TuningResult, log: Log, task: Task, tuner: str) -> list[tuple[str, str]]:

@@ -2,12 +2,18 @@
 
 import os
 
+import numpy as np
+
+from tuners.plants.closed_loop import ClosedLoop
 from tuners.plants.log import PlantLog
+from tuners.plants.names import check_name, split, valued, word
 from tuners.plants.plant import Plant
 from tuners.plants.result import PlantResult
 from tuners.plants.tuner import PlantTuner
+from tuners.report import loops
 from tuners.report.figures import Traces
-from tuners.report.layout import Residuals, judged, minus, page, pictures, rows
+from tuners.report.layout import Residuals, judged, page, pictures, rows
+from tuners.report.numbers import minus
 from tuners.words import best, every
 from yawrate_env.files import write_text
 
@@ -25,8 +31,6 @@ CHECKS = {
     "unsolved": ("Design or numerics failed", ""),
 }
 """Names and units for people, of what is asked of every plant."""
-
-_WORDS = ("input", "output")
 
 
 def write_plant_report(
@@ -47,16 +51,18 @@ def render_plant(result: PlantResult, log: PlantLog, made: PlantTuner, tuner: st
         What the user calls it.
     """
     plant, fit = made.plant, result.fit
-    words = [_words(signal, word) for signal, word in zip(plant.signals, _WORDS, strict=True)]
+    words = [word(*of) for of in zip(plant.signals, ("input", "output"), strict=True)]
     longest = LONGEST_LAG * len(plant.u) * plant.Ts
     residuals = Residuals.of(fit.residual, fit.u, fit.Ts, log.Ts, longest)
     traces = Traces(log.t0, fit.Ts, fit.u, fit.measured, fit.simulated, plant.signals)
+    loop = _loop(result, plant)
     return page(
         "plant.html",
         title=f"Gains from {log.source}",
         result=result,
         log=log,
         tuner=tuner,
+        subject="plant",
         input=words[0],
         output=words[1],
         numbers=_numbers(result),
@@ -66,23 +72,25 @@ def render_plant(result: PlantResult, log: PlantLog, made: PlantTuner, tuner: st
         notes=(*log.notes, *result.notes),
         checks=rows(result.checks, _checks(plant)),
         fit=fit,
+        loop=loop,
+        margins=loops.margins(loop),
         residuals=residuals,
-        svg=pictures(traces, residuals, words[0]),
+        svg=pictures(traces, residuals, words[0], **loops.pictured(loop, plant.signals[1])),
     )
 
 
-def _words(signal: str, word: str) -> str:
-    """A signal's name without its unit; what it is, where the name is a symbol."""
-    name = signal.partition(" [")[0]
-    return name if len(name) > 1 else word
+def _loop(result: PlantResult, plant: Plant) -> ClosedLoop | None:
+    """Of the gains around the plant that was fitted."""
+    theta = np.array([result.parameters[name] for name in plant.prior])
+    return plant.closed(theta, np.array([result.gains[name] for name in plant.gains]))
 
 
 def _numbers(result: PlantResult) -> list[tuple[str, str, str, str]]:
     gains = [(name, minus(f"{value:.4g}"), "", "") for name, value in result.gains.items()]
     figures = []
     for name, interval in result.figures.items():
-        words, bracket, unit = name.partition(" [")
-        shown = {"deg]": "°"}.get(unit, f" {unit[:-1]}" if bracket else "")
+        words, unit = split(name)
+        shown = {"deg": "°"}.get(unit, f" {unit}" if unit else "")
         figures.append(judged(_capital(words), interval, shown))
     return gains + figures
 
@@ -104,12 +112,15 @@ def _parameters(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]]
 
 def _checks(plant: Plant) -> dict[str, tuple[str, str]]:
     """Of every plant, of its measured parameters and of its figures."""
-    named = {name: (f"{name} outside what the tuner was made for", "") for name in plant.measured}
+    named = {}
+    for name in plant.measured:
+        words, unit = split(name)
+        named[name] = f"{_capital(words)} outside what the tuner was made for", unit
     for figure in plant.figures:
-        words, _, unit = figure.partition(" [")
-        key, unit = words.replace(" ", "_"), unit.removesuffix("]")
-        named[f"{key}_spread"] = f"Standard deviation of the {words}", unit
-        named[f"{key}_error"] = f"{_capital(words)} off what the design rule reaches", unit
+        words, unit = split(figure)
+        off = f"{_capital(words)} off what the design rule reaches"
+        named[check_name(figure, "spread")] = f"Standard deviation of the {words}", unit
+        named[check_name(figure, "error")] = off, unit
     return CHECKS | named
 
 
@@ -117,10 +128,9 @@ def _assumed(
     result: PlantResult, log: PlantLog, made: PlantTuner, tuner: str
 ) -> list[tuple[str, str]]:
     plant, fit = made.plant, result.fit
-    _, _, unit = plant.signals[1].partition(" [")
-    offset = minus(f"{fit.offset:.3g}") + (f" {unit[:-1]}" if unit else "")
+    offset = minus(f"{fit.offset:.3g} {split(plant.signals[1])[1]}".rstrip())
     start = "from rest, without offset" if fit.from_rest else f"anywhere; offset {offset}"
-    known = ", ".join(f"{name} {value:.4g}" for name, value in log.measured.items())
+    known = ", ".join(valued(*measured) for measured in log.measured.items())
     return [
         ("Tuner", tuner),
         ("Plant", plant.entry or "without an entry point"),

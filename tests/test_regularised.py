@@ -1,0 +1,104 @@
+"""Regularised features against their definition, and what they are for."""
+
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from tuners import compressors
+from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.regularised import Regularised, regularised
+from yawrate_env.excitation import prbs
+
+TS, FUNCTIONS = 0.02, Laguerre(12, 3.0)
+WORDS = np.arange(1, 7, dtype=np.uint64)
+U = prbs(500, TS, 0.5, 1.0, order=14, start=WORDS)
+RNG = np.random.default_rng(0)
+MEAN, SPREAD = RNG.standard_normal(12), RNG.standard_normal((3, 12))
+COEFFICIENTS = MEAN + RNG.standard_normal((2000, 3)) @ SPREAD
+STAGE = regularised(FUNCTIONS, COEFFICIENTS, 1e-3)
+
+
+def responses(coefficients):
+    return np.einsum("bn,bnk->bk", coefficients, FUNCTIONS.regressors(U, TS))
+
+
+def test_directions_are_those_of_the_simulated_plants():
+    W = np.array(STAGE.directions)
+    assert W.shape == (3, 12)
+    np.testing.assert_allclose(W.T @ W, np.cov(COEFFICIENTS.T), atol=1e-7)
+    np.testing.assert_allclose(STAGE.mean, COEFFICIENTS.mean(axis=0), rtol=1e-8)
+
+
+def test_directions_that_hardly_vary_are_left_out():
+    assert len(regularised(FUNCTIONS, COEFFICIENTS, 0.9).directions) == 1
+    alike = COEFFICIENTS + 1e-4 * RNG.standard_normal(COEFFICIENTS.shape)
+    assert len(regularised(FUNCTIONS, alike, 1e-3).directions) == 3
+
+
+def test_without_noise_the_components_are_found():
+    z = RNG.standard_normal((6, 3))
+    y = responses(np.array(STAGE.mean) + z @ np.array(STAGE.directions))
+    features, usable = STAGE(U, y, TS)
+    assert usable.all()
+    np.testing.assert_allclose(features, z, atol=1e-6)
+
+
+def test_with_noise_they_are_the_posterior_mean():
+    z, sigma = RNG.standard_normal((6, 3)), 3.0
+    m, W = np.array(STAGE.mean), np.array(STAGE.directions)
+    y = responses(m + z @ W) + sigma * RNG.standard_normal((6, 500))
+    features, _ = STAGE(U, y, TS)
+    for row, phi, found in zip(y, FUNCTIONS.regressors(U, TS), features, strict=True):
+        left = row - np.linalg.lstsq(phi.T, row, rcond=None)[0] @ phi
+        variance = left @ left / (500 - 12)
+        # Gaussian conditioning of z on the samples, the textbook's other form.
+        H = W @ phi
+        gain = H @ np.linalg.inv(H.T @ H + variance * np.eye(500))
+        np.testing.assert_allclose(found, gain @ (row - m @ phi), atol=1e-6)
+
+
+def test_noise_costs_less_than_without_the_prior():
+    z = RNG.standard_normal((6, 3))
+    m, W = np.array(STAGE.mean), np.array(STAGE.directions)
+    y = responses(m + z @ W) + 3.0 * RNG.standard_normal((6, 500))
+    own = (FUNCTIONS(U, y, TS)[0] - m) @ np.linalg.pinv(W)
+    assert np.abs(STAGE(U, y, TS)[0] - z).mean() < 0.5 * np.abs(own - z).mean()
+
+
+def test_one_input_for_all_is_one_for_each():
+    y = RNG.standard_normal((6, 500))
+    shared, _ = STAGE(U[:1], y, TS)
+    np.testing.assert_allclose(STAGE(np.repeat(U[:1], 6, axis=0), y, TS)[0], shared, rtol=1e-8)
+
+
+def test_rows_do_not_depend_on_the_batch():
+    y = RNG.standard_normal((6, 500))
+    together, _ = STAGE(U, y, TS)
+    for i in range(0, 6, 2):
+        np.testing.assert_array_equal(STAGE(U[i : i + 2], y[i : i + 2], TS)[0], together[i : i + 2])
+
+
+def test_nothing_is_read_from_silence():
+    features, usable = STAGE(np.zeros((1, 500)), np.ones((2, 500)), TS)
+    assert not usable.any()
+    assert np.isfinite(features).all()
+    y = np.ones((2, 500))
+    y[1, 3] = np.nan
+    assert STAGE(U[:2], y, TS)[1].tolist() == [True, False]
+
+
+def test_it_goes_through_a_file():
+    written = json.loads(json.dumps(compressors.described(STAGE)))
+    assert written["name"] == "regularised"
+    assert compressors.compressor(**written) == STAGE
+    assert hash(STAGE) == hash(replace(STAGE))
+
+
+def test_bad_settings_are_refused():
+    settings = asdict(STAGE)
+    with pytest.raises(ValueError, match="12 coefficients each"):
+        Regularised(**settings | {"mean": (1.0,)})
+    with pytest.raises(ValueError, match="20 samples are too few for 12"):
+        STAGE(U[:, :20], U[:, :20], TS)
