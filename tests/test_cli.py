@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,8 +19,10 @@ import tuners
 from tuners import data
 from tuners.catalogue import shipped
 from tuners.cli import COMMANDS, main
+from tuners.compressors import compressor
 from tuners.forms import Forms
 from tuners.learners.feedforward import FeedForwardSettings
+from tuners.stages import Recipe
 from tuners.vehicle_file import example as paper
 from yawrate_env.excitation import prbs
 from yawrate_env.task import Target
@@ -168,15 +169,6 @@ def test_a_tuner_is_trained_for_a_vehicle(tmp_path):
     assert tuner.task.vehicle.J_z == 2600 and tuner.training["name"] == "ts-ff-lag-vx"
 
 
-@pytest.fixture
-def quick(monkeypatch):
-    """The command's recipe with a small network."""
-    network = FeedForwardSettings(neurons=3, epochs=5)
-    recipe = replace(tuners.RECIPES["ts-ff-lag-vx"], learner=network)
-    monkeypatch.setitem(tuners.RECIPES, "ts-ff-lag-vx", recipe)
-    return recipe
-
-
 def short(path, J_z):
     """A vehicle's file, with short episodes."""
     text = paper().replace("N = 10_000", "N = 1_000").replace("Ts = 0.001", "Ts = 0.01")
@@ -185,7 +177,9 @@ def short(path, J_z):
 
 
 @pytest.mark.parametrize("stage, name", [("response", "ts-ff-lag-vx"), ("laguerre", "custom")])
-def test_a_tuner_is_trained_from_a_data_set(stage, name, tmp_path, quick):
+def test_a_tuner_is_trained_from_a_data_set(stage, name, tmp_path, monkeypatch):
+    quick = Recipe(compressor(stage), FeedForwardSettings(neurons=3, epochs=5))
+    monkeypatch.setattr("tuners.cli.train.LEARNER", quick.learner)
     car, other = short(tmp_path / "car.toml", 2600.0), short(tmp_path / "other.toml", 2500.0)
     made = ("--vehicle", car, "--compressor", stage, "--workers", 1, "--raw", "--episodes", 200)
     assert call("dataset", "--out", tmp_path / "set", *made)[0] == 0
@@ -196,7 +190,7 @@ def test_a_tuner_is_trained_from_a_data_set(stage, name, tmp_path, quick):
     found = tuners.load(tmp_path / "car.tuner")
     assert found.task.vehicle.J_z == 2600.0 and found.calibration.episodes == 3000
     assert found.training["name"] == name and found.training["vehicles"] == 200
-    expected = data.train(replace(quick, compressor=found.stages.compressor), tmp_path / "set")
+    expected = data.train(quick, tmp_path / "set")
     np.testing.assert_array_equal(found.stages.learner.W1, expected.stages.learner.W1)
     assert "task.vehicle.J_z is 2600.0 there and 2500.0 here" in refused(
         UNUSABLE, *train, "--vehicle", other

@@ -125,9 +125,12 @@ def from_folder(
         )
     if of_plants:
         return data.train_plant(path, plant=own, seed=seed, progress=bars)
-    recipe = replace(tuners.RECIPES[RECIPE], compressor=found.compressor)
+    known = tuners.RECIPES[RECIPE]
+    recipe = replace(known, compressor=found.compressor, learner=LEARNER)
+    name = RECIPE if recipe.compressor == known.compressor else None
     task = wanted if isinstance(wanted, Task) else None
-    return calibrated(data.train(recipe, path, task=task, seed=seed, progress=bars), seed, bars)
+    tuner = data.train(recipe, path, task=task, seed=seed, name=name, progress=bars)
+    return calibrated(tuner, seed, bars)
 
 
 def calibrated(tuner: "TwoStage", seed: int, bars: "Bars") -> "TwoStage":

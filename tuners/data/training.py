@@ -41,6 +41,7 @@ def train(
     *,
     task: Task | None = None,
     seed: int = TRAINING_SEED,
+    name: str | None = None,
     progress: Progress | None = None,
 ) -> TwoStage:
     """Train a two-stage tuner from a folder of vehicles that `generate` wrote.
@@ -59,10 +60,12 @@ def train(
         What the folder must be of; it holds one itself.
     seed : int
         Of the split and the learner; 80 % of the vehicles train, the rest validate.
+    name : str, optional
+        What the record calls it; its name in `tuners.RECIPES`, or else ``"custom"``.
     progress : callable, optional
         Called with what is being done, how far it is, and how far it goes.
     """
-    name, recipe = named(tuner)
+    known, recipe = named(tuner)
     validation.count("seed", seed, at_least=0)
     folder = Folder(dataset)
     found = folder.recipe.what
@@ -71,7 +74,7 @@ def train(
     if task is not None:
         _check_same(folder, task)
     coordinates = yaw_rate(found, recipe.coordinates).coordinates
-    stages, training = fit(folder, name, recipe, coordinates, seed, progress)
+    stages, training = fit(folder, name or known, recipe, coordinates, seed, progress)
     return TwoStage(found, stages, recipe.coordinates, training)
 
 
