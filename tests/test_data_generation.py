@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import psutil
@@ -540,8 +540,9 @@ def test_a_worker_that_is_killed_ends_the_run_and_loses_nothing(tmp_path, undist
     def kill(what, done, of):
         if done:
             for process in psutil.Process().children():
-                if any("LokyProcess" in word for word in process.cmdline()):
-                    process.kill()
+                with suppress(psutil.NoSuchProcess):  # it was killed before
+                    if any("LokyProcess" in word for word in process.cmdline()):
+                        process.kill()
 
     with pytest.raises(DatasetError, match="A worker died.*what is finished stays"):
         made(tmp_path / "data", count=2, progress=kill)

@@ -55,7 +55,7 @@ CALIBRATION = 3000
     type=click.IntRange(min=0),
     default=0,
     show_default=True,
-    help="Of the random vehicles.",
+    help="Of the random vehicles, the split and the learner.",
 )
 def command(
     vehicle: Path | None, folder: Path | None, out: Path, episodes: int | None, seed: int

@@ -30,7 +30,6 @@ from yawrate_env.task import Task
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
-
 HELD_OUT = ("test", "calibration")
 """Sets that tell how good a tuner is, from which nothing may learn."""
 
