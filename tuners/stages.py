@@ -94,11 +94,12 @@ class Stages:
         (B, t) float64
             What the learner was trained on, `tuners.coordinates` say.
         (B,) bool
-            Where the compression succeeded.
+            Where the compression succeeded, and every feature is a number.
         """
         features, usable = self.compressor(u, y, Ts)
         features = np.concatenate([features, shown], axis=1)
-        return self.learner(np.where(np.isfinite(features), features, 0.0)), usable
+        finite = np.isfinite(features)
+        return self.learner(np.where(finite, features, 0.0)), usable & finite.all(axis=1)
 
     def settings(self) -> dict[str, Any]:
         """What to save beside the learner's arrays, as plain JSON values."""

@@ -45,9 +45,9 @@ def response(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Natural log of the magnitude, and phase [rad], at the target crossover; (B,) each."""
     if target.controller == "pi":
-        tangent = 1 / (Ti * _warped(target))
+        tangent = 1 / (Ti * warped(target))
         return np.log(kp) + 0.5 * np.log1p(tangent**2), -np.arctan(tangent)
-    tangent = Ti * _warped(target)
+    tangent = Ti * warped(target)
     return np.log(kp) - 0.5 * np.log1p(tangent**2), -np.arctan(tangent)
 
 
@@ -56,9 +56,9 @@ def gains(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(kp, Ti) with this response at the target crossover; phase between -pi/2 and 0 rad."""
     if target.controller == "pi":
-        return pi_gains(log_magnitude, phase, _warped(target))
+        return pi_gains(log_magnitude, phase, warped(target))
     tangent = -np.tan(phase)
-    return np.exp(log_magnitude) * np.hypot(1, tangent), tangent / _warped(target)
+    return np.exp(log_magnitude) * np.hypot(1, tangent), tangent / warped(target)
 
 
 def pi_gains(
@@ -69,5 +69,6 @@ def pi_gains(
     return np.exp(log_magnitude) / np.hypot(1, tangent), 1 / (tangent * omega)
 
 
-def _warped(target: Target) -> float:
+def warped(target: Target) -> float:
+    """``w`` at the target crossover [rad/s]."""
     return 2 / target.Ts * float(np.tan(target.omega_c * target.Ts / 2))

@@ -42,9 +42,7 @@ def tune(
     tuner: str, log: Path, options: PlantOptions, start: str, machine: bool, report: Path | None
 ) -> bool:
     """Print the gains for a plant's log; returns whether they are trusted."""
-    from tuners.plants import load
-
-    trained = load(tuner)
+    trained = loaded(tuner)
     recording = read_log(log, trained.plant, options)
     Ts, length = recording.Ts, len(trained.plant.u) * trained.plant.Ts
 
@@ -82,9 +80,16 @@ def is_plants(tuner: str) -> bool:
     return tuner.endswith(SUFFIX) and Path(tuner).is_file() and read(tuner)[0]["kind"] == "plant"
 
 
+def loaded(tuner: str) -> "PlantTuner":
+    """A plant's tuner from its file."""
+    from tuners.plants import load
+
+    return load(tuner)
+
+
 def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
     """Everything about an answer, in plain JSON values; ``null`` where there is no number."""
-    fit = result.fit
+    fit, plant = result.fit, result.plant
     values: dict[str, Any] = plain(
         {
             "gains": result.gains,
@@ -96,6 +101,12 @@ def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
             "parameters": result.parameters,
             "checks": [asdict(check) | {"passed": check.passed} for check in result.checks],
             "tuner": tuner,
+            "plant": {
+                "entry": plant.entry,
+                "signals": plant.signals,
+                "Ts": plant.Ts,
+                "target": plant.coordinates.target and asdict(plant.coordinates.target),
+            },
             "log": {
                 "file": log.source,
                 "start": log.t0,

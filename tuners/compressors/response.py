@@ -40,11 +40,14 @@ class FrequencyResponse:
 
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, 2 points) of episodes sampled at `Ts` [s], and which are usable (B,)."""
-        model = Laguerre(self.order, self.pole)
-        coefficients, usable = model(u, y, Ts)
-        omega = 2 * np.pi * np.geomspace(self.low, self.high, self.points)
-        response = coefficients @ model.frequency_response(omega, Ts)
+        coefficients, usable = Laguerre(self.order, self.pole)(u, y, Ts)
+        response = coefficients @ self.functions(Ts)
         with np.errstate(divide="ignore", invalid="ignore"):
             magnitude = np.log(np.abs(response))
         features = np.concatenate([magnitude, np.unwrap(np.angle(response), axis=1)], axis=1)
         return features, np.asarray(usable & np.isfinite(features).all(axis=1))
+
+    def functions(self, Ts: float) -> NDArray[np.complex128]:
+        """Responses of the Laguerre functions at its frequencies, (order, points)."""
+        omega = 2 * np.pi * np.geomspace(self.low, self.high, self.points)
+        return Laguerre(self.order, self.pole).frequency_response(omega, Ts)

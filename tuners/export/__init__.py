@@ -1,15 +1,22 @@
-"""From gains and tuners to what runs elsewhere.
+"""From gains and tuners to what runs elsewhere, for vehicles and any other plant.
 
 ========  ==============================  ===========================================
 target    source                          written
 ========  ==============================  ===========================================
-c         gains                           C99 header, source and test with golden
+c         gains of a PI                   C99 header, source and test with golden
                                           vectors, in a folder
-c         tuner with Laguerre features    the same for its first stage
-matlab    gains                           a script
-json      gains                           one object
-onnx      tuner with Laguerre features    one graph, from yaw rate to gains
+c         tuner with Laguerre features    the same for both of its stages, from samples
+          and a network                   to gains
+c         tuner with Laguerre features,   the same for its first stage
+          ``features=True``
+matlab    gains of a PI                   a script
+json      gains of a PI with its limits   one object, the controller in every form
+json      other gains                     one object, the gains by name
+onnx      tuner with Laguerre features    one graph, from the measured output to gains
+onnx      the same, ``features=True``     one graph, from features to gains
 ========  ==============================  ===========================================
+
+A frequency response made of Laguerre coefficients is as good as these.
 """
 
 import os
@@ -17,10 +24,13 @@ from pathlib import Path
 from typing import Any
 
 from tuners.export.compressor_source import compressor_source
-from tuners.export.digital_pi import LIMITS, DigitalPI
-from tuners.export.documents import json_text, matlab_script
-from tuners.export.onnx_tuner import check, onnx_model
+from tuners.export.digital_pi import DigitalPI
+from tuners.export.documents import gains_text, json_text, matlab_script
+from tuners.export.gains import Gains
+from tuners.export.onnx_tuner import onnx_model
 from tuners.export.pi_source import c_source
+from tuners.export.tuner_source import first_stage_source, tuner_source
+from tuners.plants.tuner import PlantTuner
 from tuners.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.files import replacing, write_text
@@ -28,12 +38,16 @@ from yawrate_env.files import replacing, write_text
 __all__ = [
     "TARGETS",
     "DigitalPI",
+    "Gains",
     "c_source",
     "compressor_source",
     "export",
+    "first_stage_source",
+    "gains_text",
     "json_text",
     "matlab_script",
     "onnx_model",
+    "tuner_source",
 ]
 
 TARGETS = ("c", "matlab", "json", "onnx")
@@ -44,8 +58,8 @@ def export(
     target: str,
     path: str | os.PathLike[str],
     *,
-    Ts: float = 0.01,
-    limits: tuple[float, float] = LIMITS,
+    Ts: float | None = None,
+    limits: tuple[float, float] | None = None,
     real: str = "double",
     features: bool = False,
 ) -> list[Path]:
@@ -53,22 +67,24 @@ def export(
 
     Parameters
     ----------
-    source : TuningResult, (kp, Ti) or Tuner
+    source : TuningResult, PlantResult, Gains, (kp, Ti), Tuner or PlantTuner
         What to export: targets ``matlab`` and ``json`` want gains, ``onnx`` a tuner, ``c``
         takes both.
     target : {"c", "matlab", "json", "onnx"}
         What for.
     path : path
         File to write; for ``c`` the folder, made if it is missing.
-    Ts : float
-        Sampling time of the controller [s].
-    limits : (float, float)
-        Least and largest command of the controller [rad].
+    Ts : float, optional
+        Sampling time of the controller [s]; that of the plant's loop or else of its
+        experiment if not given, 0.01 s for a vehicle.
+    limits : (float, float), optional
+        Least and largest command of the controller, in its own unit; 30 deg to both sides if
+        not given for a vehicle.
     real : {"double", "float"}
         Numbers of the controller in C.
     features : bool
-        Let the ``onnx`` graph begin at the features that the first stage in C computes, for
-        any other command than the tuner's own.
+        Cut a tuner at its features: ``c`` ends there, and the ``onnx`` graph begins there,
+        for any other input than that of the tuner's own experiment.
 
     Returns
     -------
@@ -85,13 +101,19 @@ def export(
     where = Path(path)
     if target == "onnx":
         return _write_onnx(source, where, features)
-    if target == "c" and isinstance(source, Tuner):
-        stage = check(source).stages.compressor
-        return _write_all(where, compressor_source(stage, source.task.experiment.Ts))
-    pi = DigitalPI.of(source, Ts, limits)
+    if target == "c" and isinstance(source, Tuner | PlantTuner):
+        files = first_stage_source(source) if features else tuner_source(source)
+        return _write_all(where, files)
+    gains = Gains.of(source)
     if target == "c":
-        return _write_all(where, c_source(pi, real=real))
-    write_text(where, matlab_script(pi) if target == "matlab" else json_text(pi))
+        return _write_all(where, c_source(gains.pi(Ts, limits), real=real))
+    if target == "matlab":
+        text = matlab_script(gains.pi(Ts, limits))
+    elif limits is None and (gains.limits is None or gains.refusal):
+        text = gains_text(gains, Ts)
+    else:
+        text = json_text(gains.pi(Ts, limits))
+    write_text(where, text)
     return [where]
 
 

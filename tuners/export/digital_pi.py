@@ -10,7 +10,6 @@ An error that is not finite holds the last output.
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,9 @@ Array = NDArray[np.float64]
 
 LIMITS = (float(np.radians(-30.0)), float(np.radians(30.0)))
 """Road-wheel angle that the actuator is asked for, unless said otherwise [rad]."""
+
+SIGNALS = ("steering command [rad]", "yaw rate [rad/s]")
+"""A vehicle's command, and what its loop controls."""
 
 SLOWEST = 1e3  # [s]
 _LEAST, _LARGEST = (float(x) for x in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
@@ -33,11 +35,13 @@ class DigitalPI:
     Attributes
     ----------
     kp, Ti : float
-        Gain [s] and integral time [s].
+        Gain and integral time [s].
     Ts : float
         Sampling time [s].
     low, high : float
-        Least and largest command [rad].
+        Least and largest command, in its own unit.
+    signals : tuple of str
+        What the command and the measured output are called, with their units in brackets.
     """
 
     kp: float
@@ -45,6 +49,7 @@ class DigitalPI:
     Ts: float
     low: float = LIMITS[0]
     high: float = LIMITS[1]
+    signals: tuple[str, str] = SIGNALS
 
     def __post_init__(self) -> None:
         for name in ("kp", "Ti"):
@@ -52,33 +57,27 @@ class DigitalPI:
                               remedy="Export gains that a tuner found.")  # fmt: skip
         validation.number("Ts", self.Ts, above=0.0, at_most=SLOWEST, remedy="Give it in seconds.")
         for name in ("low", "high"):
-            validation.number(name, getattr(self, name), remedy="Give a finite limit in rad.")
-        if not self.low < 0.0 < self.high:
+            validation.number(name, getattr(self, name),
+                              remedy=f"Give a finite limit in {self.units[0]}.")  # fmt: skip
+        if not self.low < self.high:
             raise ValueError(
-                f"limits = [{self.low:g}, {self.high:g}] must have low below 0 and high above. "
-                "Give the least and the largest command in rad."
+                f"limits = [{self.low:g}, {self.high:g}] must have low below high. "
+                f"Give the least and the largest command in {self.units[0]}."
             )
         for name in ("gain", "step", "tracking", "low", "high"):
+            size = abs(getattr(self, name))
+            least = 0.0 if name in ("low", "high") and size == 0.0 else _LEAST
             validation.number(
-                f"abs({name})", abs(getattr(self, name)), at_least=_LEAST, at_most=_LARGEST,
+                f"abs({name})", size, at_least=least, at_most=_LARGEST,
                 remedy="Single precision must hold it: export kp, Ti, Ts and limits of ordinary "
                 "size.",
             )  # fmt: skip
 
-    @classmethod
-    def of(cls, source: Any, Ts: float, limits: tuple[float, float] = LIMITS) -> Self:
-        """From a pair (kp, Ti), or anything with attributes of these names."""
-        if np.shape(limits) != (2,):
-            raise ValueError(f"limits = {limits!r} must be two numbers, (low, high) in rad.")
-        if hasattr(source, "kp") and hasattr(source, "Ti"):
-            source = source.kp, source.Ti
-        if not isinstance(source, tuple | list) or len(source) != 2:
-            raise ValueError(
-                f"a {type(source).__name__} holds no gains. Tune a recording first and export the "
-                "result, or give (kp, Ti); a tuner itself goes to target onnx."
-            )
-        values = zip(("kp", "Ti", "Ts", "low", "high"), (*source, Ts, *limits), strict=True)
-        return cls(*(validation.number(name, value) for name, value in values))
+    @property
+    def units(self) -> tuple[str, str]:
+        """Of command and output; where a name has none, ``unit of u``."""
+        command, output = map(unit, self.signals)
+        return command, output
 
     @property
     def gain(self) -> float:
@@ -121,3 +120,9 @@ class DigitalPI:
 
     def _coefficients(self) -> tuple[Array, Array]:
         return controller.pi_coefficients(np.asarray(self.kp), np.asarray(self.Ti), self.Ts)
+
+
+def unit(signal: str) -> str:
+    """What a signal's name has in brackets."""
+    _, _, bracket = signal.strip().partition(" [")
+    return bracket.removesuffix("]") or f"unit of {signal.strip()}"

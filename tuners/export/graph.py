@@ -1,5 +1,6 @@
 """A little around ``onnx.helper``: nodes that name themselves, constants in double precision."""
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -32,6 +33,10 @@ class Graph:
         self.nodes.append(helper.make_node(operator, list(inputs), [output], **attributes))
         return output
 
+    def joined(self, *columns: str) -> str:
+        """Tensors (episodes, n) side by side."""
+        return columns[0] if len(columns) == 1 else self.apply("Concat", *columns, axis=1)
+
     def model(
         self,
         inputs: dict[str, list[Any]],
@@ -54,6 +59,7 @@ class Graph:
 
         import yawrate_env
 
+        self._check_names(list(inputs))
         graph = helper.make_graph(
             self.nodes,
             "yawrate",
@@ -76,3 +82,13 @@ class Graph:
         helper.set_model_props(model, texts)
         checker.check_model(model)
         return model
+
+    def _check_names(self, inputs: list[str]) -> None:
+        """``ValueError`` where one name would stand for two tensors."""
+        made = [name for node in self.nodes for name in node.output]
+        names = Counter([*inputs, *made, *(constant.name for constant in self.constants)])
+        if twice := [name for name, times in names.items() if times > 1]:
+            raise ValueError(
+                f"{twice[0]!r} would be the name of two tensors of the graph. Rename the plant's "
+                "signal, parameter or gain."
+            )

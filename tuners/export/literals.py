@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 def number(value: float, real: str = "double") -> str:
@@ -30,6 +31,16 @@ def rows(values: Iterable[float], real: str = "double") -> str:
     """The inside of a signal's initialiser, four numbers a line."""
     words = [sample(value, real) for value in values]
     return ",\n".join("    " + ", ".join(words[i : i + 4]) for i in range(0, len(words), 4))
+
+
+def table(values: NDArray[np.float64]) -> str:
+    """The inside of a matrix' initialiser, one row after the other."""
+    return ",\n".join(f"    {{\n{rows(row)}\n    }}" for row in values)
+
+
+def comment(text: str) -> str:
+    """What somebody calls a signal or a gain, where it can neither end a comment nor a line."""
+    return " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *")
 
 
 def check_name(name: str) -> None:

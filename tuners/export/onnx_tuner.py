@@ -1,17 +1,21 @@
 """A two-stage tuner on Laguerre features as one ONNX graph, in double precision.
 
-===========  ========================  ================================================
-tensor       shape                     meaning
-===========  ========================  ================================================
-yaw_rate     (episodes, N)             input, measured yaw rate [rad/s]
-features     (episodes, order)         input instead of it, if asked for
-kp, Ti       (episodes,)               gains [s], [s]; ``nan`` where no PI does it
-status       (episodes,) int64         of `yawrate_env.design.Status`
-===========  ========================  ================================================
+=============  ========================  ==============================================
+tensor         shape                     meaning
+=============  ========================  ==============================================
+the output     (episodes, N)             input, called as the plant calls its output,
+                                         without the unit: ``yaw_rate``, ``y``
+features       (episodes, n)             input instead of it, if asked for: what the
+                                         first stage makes of a recording
+what is        (episodes,) each          further inputs, by name and in their own unit:
+measured                                 ``v_x``
+the gains      (episodes,) each          by name; ``nan`` where there are none
+status         (episodes,) int64         of `yawrate_env.design.Status`
+=============  ========================  ==============================================
 
-For a known command the first stage is linear in the yaw rate: the graph holds its matrix for
-the tuner's own excitation.  For any other, `tuners.export.compressor_source` does it in C, and
-the graph begins at the features.
+For a known input the first stage begins with a matrix: the graph holds that of the
+experiment.  For any other, `tuners.export.compressor_source` does it in C, and the graph
+begins at the features.
 """
 
 from typing import Any
@@ -19,25 +23,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.laguerre import lifted
 from tuners.compressors.response import FrequencyResponse
 from tuners.export.graph import Graph
+from tuners.export.parts import Parts
 from tuners.export.trees import ensemble
+from tuners.learners import Learner
 from tuners.learners.feedforward import FeedForward
 from tuners.learners.gbm import GBM
 from tuners.learners.trend import Trend
-from tuners.tuner import Tuner
+from tuners.plants.coordinates import LOG
+from tuners.plants.plant import Plant
+from yawrate_env import controller
 from yawrate_env.design import LEAST_LAG, Status
-from yawrate_env.excitation import prbs
-from yawrate_env.task import Task
+from yawrate_env.task import Target
 
 Array = NDArray[np.float64]
-
-_EXPORTED = "Export ts-ff-lag or ts-gbm-lag, or one trained with Laguerre features."
-_REASONS = {
-    type(None): "it is no two-stage tuner",
-    FrequencyResponse: "its features are a frequency response, not linear in the yaw rate",
-}
 
 
 def onnx_model(tuner: Any, *, features: bool = False) -> Any:
@@ -45,85 +46,105 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
 
     Parameters
     ----------
-    tuner : TwoStage
-        With Laguerre features: ``ts-ff-lag``, ``ts-gbm-lag``, or trained like these.
+    tuner : TwoStage or PlantTuner
+        With Laguerre features, or a frequency response made of these.
     features : bool
-        Begin at the features instead of the yaw rate.
+        Begin at the features instead of the output.
 
     Raises
     ------
     ValueError
         The tuner cannot be a graph; the message says which can.
     """
-    check(tuner)
-    graph = Graph()
-    task, order = tuner.task, tuner.stages.compressor.order
+    parts, graph = Parts.of(tuner), Graph()
+    plant, inputs = parts.plant, {}
     if features:
-        inputs: dict[str, list[Any]] = {"features": ["episodes", order]}
         X = "features"
+        inputs[X] = ["episodes", parts.features]
     else:
-        inputs = {"yaw_rate": ["episodes", task.experiment.N]}
-        X = graph.apply("MatMul", "yaw_rate", graph.constant(compression(tuner).T))
-    values = _learner(graph, tuner.stages.learner, X)
-    _decode(graph, values, task, tuner.coordinates)
+        output = plain_name(plant.signals[1])
+        inputs[output] = ["episodes", len(plant.u)]
+        X = graph.apply("MatMul", output, graph.constant(compression(parts).T))
+        if isinstance(parts.compressor, FrequencyResponse):
+            X = _response(graph, X, parts.compressor.functions(plant.Ts))
+    inputs |= {name: ["episodes"] for name in plant.shown_names}
+    X = graph.joined(X, *(_shown(graph, plant, name) for name in plant.shown_names))
+    _decode(graph, _learner(graph, parts.learner, X), X, plant)
     from onnx import TensorProto
 
-    outputs = {"kp": TensorProto.DOUBLE, "Ti": TensorProto.DOUBLE, "status": TensorProto.INT64}
-    target = task.target
-    texts = {
-        "Ts": repr(task.experiment.Ts),
-        "Ts_control": repr(target.Ts),
-        "phase_margin": repr(target.phase_margin),
-        "crossover": repr(target.crossover),
-        "laguerre_pole": repr(tuner.stages.compressor.pole),
-    }
-    return graph.model(inputs, outputs, texts, "PI gains from one identification episode.")
+    outputs = dict.fromkeys(plant.gains, TensorProto.DOUBLE) | {"status": TensorProto.INT64}
+    description = f"{', '.join(plant.gains)} from one identification episode."
+    return graph.model(inputs, outputs, _texts(parts), description)
 
 
-def check(tuner: Any) -> Any:
-    """The tuner, or ``ValueError`` where it cannot be exported."""
-    if not isinstance(tuner, Tuner):
+def plain_name(signal: str) -> str:
+    """A signal's name without its unit, in one word."""
+    return "_".join(signal.partition(" [")[0].split()) or "output"
+
+
+def compression(parts: Parts) -> Array:
+    """(order, N) that turns outputs of the experiment into Laguerre coefficients."""
+    plant = parts.plant
+    if plant.excite is not None:
         raise ValueError(
-            f"a {type(tuner).__name__} is not exported as a graph: target onnx needs a tuner "
-            f"(--tuner). {_EXPORTED}"
+            "every episode has an input of its own, and the first stage is no constant matrix. "
+            "Export with features=True (--features), and the first stage to target c."
         )
-    own = getattr(tuner, "stages", None)
-    stages = getattr(own, "compressor", None), getattr(own, "learner", None)
-    if not isinstance(stages[0], Laguerre) or not isinstance(stages[1], FeedForward | GBM | Trend):
-        kind = getattr(tuner, "kind", type(tuner).__name__)
-        reason = _REASONS.get(type(stages[0]), "its first stage is not linear in the yaw rate")
-        raise ValueError(f"a tuner of kind {kind!r} is not exported: {reason}. {_EXPORTED}")
-    trained = _trained_features(stages[1])
-    if trained != stages[0].order:
-        raise ValueError(
-            f"the tuner has {trained} features, {stages[0].order} of them from the recording. "
-            "Export one that needs the recording alone."
-        )
-    return tuner
+    phi = parts.laguerre.regressors(plant.u[None], plant.Ts)[0]
+    return np.asarray(np.linalg.solve(lifted(phi @ phi.T), phi))
 
 
-def _trained_features(learner: FeedForward | GBM | Trend) -> int:
-    if isinstance(learner, Trend):
-        return len(learner.mean)
-    if isinstance(learner, FeedForward):
-        return int(learner.W1.shape[1])
-    return int(learner.models[0].num_features())
+def _texts(parts: Parts) -> dict[str, str]:
+    """Metadata."""
+    texts, target = {"Ts": repr(parts.plant.Ts)}, parts.plant.coordinates.target
+    if target is not None:
+        texts["Ts_control"] = repr(target.Ts)
+        texts["phase_margin"] = repr(target.phase_margin)
+        texts["crossover"] = repr(target.crossover)
+    return texts | {"laguerre_pole": repr(parts.compressor.pole)}
 
 
-def compression(tuner: Any) -> Array:
-    """(order, N) that turns the yaw rate of the tuner's own experiment into features."""
-    experiment = tuner.task.experiment
-    if experiment.register != "same":
-        raise ValueError(
-            f"register = {experiment.register!r}: every episode has its own command, and the first "
-            "stage is no constant matrix. Export with features=True and the compressor's C source."
-        )
-    u = prbs(experiment.N, experiment.Ts, experiment.bit_time, experiment.amplitude)
-    phi = tuner.stages.compressor.regressors(u, experiment.Ts)[0]
-    return np.asarray(np.linalg.solve(phi @ phi.T, phi))
+def _shown(graph: Graph, plant: Plant, name: str) -> str:
+    """A measured parameter's feature, as `Plant.shown` has it; (episodes, 1)."""
+    value = graph.apply("Log", name) if plant.prior[name][0] > 0 else name
+    return graph.apply("Unsqueeze", value, graph.constant([1], np.int64))
 
 
-def _learner(graph: Graph, learner: FeedForward | GBM | Trend, X: str) -> str:
+def _response(graph: Graph, coefficients: str, functions: NDArray[np.complex128]) -> str:
+    """Log magnitude and unwrapped phase of Laguerre models; (episodes, 2 points)."""
+    into, (points,) = graph.constant, functions.shape[1:]
+    re, im = (
+        graph.apply("MatMul", coefficients, into(part)) for part in (functions.real, functions.imag)
+    )
+    squares = (graph.apply("Mul", part, part) for part in (re, im))
+    magnitude = graph.apply("Sqrt", graph.apply("Add", *squares))
+    steps = graph.apply("MatMul", _angle(graph, re, im), into(np.eye(points) - np.eye(points, k=1)))
+    turns = graph.apply("Round", graph.apply("Mul", steps, into(1 / (2 * np.pi))))
+    wrapped = graph.apply("Sub", steps, graph.apply("Mul", turns, into(2 * np.pi)))
+    phase = graph.apply("MatMul", wrapped, into(np.triu(np.ones((points, points)))))
+    return graph.joined(graph.apply("Log", magnitude), phase)
+
+
+def _angle(graph: Graph, re: str, im: str) -> str:
+    """Angles in double precision, where the runtime's arc tangent is single.
+
+    Turned back by that first angle, a number's own is so small that it is its tangent.
+    """
+    from onnx import TensorProto
+
+    into, zero = graph.constant, graph.constant(0.0)
+    half = graph.apply("Where", graph.apply("GreaterOrEqual", im, zero), into(np.pi), into(-np.pi))
+    behind = graph.apply("Where", graph.apply("Less", re, zero), half, zero)
+    slope = graph.apply("Cast", graph.apply("Div", im, re), to=TensorProto.FLOAT)
+    near = graph.apply("Cast", graph.apply("Atan", slope), to=TensorProto.DOUBLE)
+    rough = graph.apply("Add", near, behind)
+    cos, sin = graph.apply("Cos", rough), graph.apply("Sin", rough)
+    products = [graph.apply("Mul", a, b) for a, b in ((im, cos), (re, sin), (re, cos), (im, sin))]
+    rest = graph.apply("Div", graph.apply("Sub", *products[:2]), graph.apply("Add", *products[2:]))
+    return graph.apply("Add", rough, rest)
+
+
+def _learner(graph: Graph, learner: Learner, X: str) -> str:
     if isinstance(learner, Trend):
         return _trend(graph, learner, X)
     return (
@@ -134,7 +155,7 @@ def _learner(graph: Graph, learner: FeedForward | GBM | Trend, X: str) -> str:
 
 
 def _trend(graph: Graph, trend: Trend, X: str) -> str:
-    """Decorrelated features, their polynomial, and what the rest adds; (episodes, 2)."""
+    """Decorrelated features, their polynomial, and what the rest adds; (episodes, targets)."""
     into, k = graph.constant, trend.matrix.shape[1]
     centred = graph.apply("Sub", X, into(trend.mean))
     inputs = graph.apply("MatMul", centred, into(trend.matrix))
@@ -150,7 +171,7 @@ def _trend(graph: Graph, trend: Trend, X: str) -> str:
 
 
 def _network(graph: Graph, network: FeedForward, X: str) -> str:
-    """Scaling, tanh layer, linear layer, scaling; (episodes, 2)."""
+    """Scaling, tanh layer, linear layer, scaling; (episodes, targets)."""
     scale, into = 1 / network.inputs.half, graph.constant
     W1 = network.W1 * scale
     b1 = network.b1 - W1 @ network.inputs.middle
@@ -161,7 +182,7 @@ def _network(graph: Graph, network: FeedForward, X: str) -> str:
 
 
 def _trees(graph: Graph, gbm: GBM, X: str) -> str:
-    """Boosted trees in single precision, as xgboost has them; (episodes, 2)."""
+    """Boosted trees in single precision, as xgboost has them; (episodes, targets)."""
     from onnx import TensorProto
 
     single = graph.apply("Cast", X, to=TensorProto.FLOAT)
@@ -172,35 +193,38 @@ def _trees(graph: Graph, gbm: GBM, X: str) -> str:
     return graph.apply("Add", scaled, graph.constant(gbm.mean))
 
 
-def _decode(graph: Graph, values: str, task: Task, coordinates: str) -> None:
-    """Gains and status from predicted targets, as `tuners.coordinates.decode` does it."""
-    first, second = (
-        graph.apply("Gather", values, graph.constant(i, np.int64), axis=1) for i in (0, 1)
-    )
-    nan = graph.constant(np.nan)
-    ok, limited, unreachable = (graph.constant(int(s), np.int64) for s in Status)
-    if coordinates == "gains":
-        zero = graph.constant(0.0)
-        found = graph.apply("And", *(graph.apply("Greater", v, zero) for v in (first, second)))
-        kp, Ti, status = first, second, graph.apply("Where", found, ok, unreachable)
-    else:
-        found = graph.apply("Greater", second, graph.constant(-np.pi / 2))
-        leads = graph.apply("GreaterOrEqual", second, graph.constant(0.0))
-        phase = graph.apply("Where", leads, graph.constant(-LEAST_LAG), second)
-        kp, Ti = _controller(graph, first, phase, task)
-        status = graph.apply("Where", found, graph.apply("Where", leads, limited, ok), unreachable)
-    graph.apply("Where", found, kp, nan, output="kp")
-    graph.apply("Where", found, Ti, nan, output="Ti")
-    graph.apply("Identity", status, output="status")
+def _decode(graph: Graph, values: str, X: str, plant: Plant) -> None:
+    """Gains and status from predicted targets and their features, as `Coordinates.decode` does."""
+    into, zero, target = graph.constant, graph.constant(0.0), plant.coordinates.target
+    columns = [
+        graph.apply("Gather", values, into(i, np.int64), axis=1) for i in range(len(plant.gains))
+    ]
+    reached, unreachable = into(int(Status.OK), np.int64), into(int(Status.UNREACHABLE), np.int64)
+    rest = graph.apply("ReduceSum", graph.apply("Sub", X, X), into([1], np.int64), keepdims=0)
+    found = graph.apply("Equal", rest, zero)  # what is not finite leaves itself not 0
+    if target is not None:
+        leads = graph.apply("GreaterOrEqual", columns[1], zero)
+        limited = into(int(Status.PHASE_LIMITED), np.int64)
+        reached = graph.apply("Where", leads, limited, reached)
+        found = graph.apply("And", found, graph.apply("Greater", columns[1], into(-np.pi / 2)))
+        phase = graph.apply("Where", leads, into(-LEAST_LAG), columns[1])
+        columns = _controller(graph, columns[0], phase, target)
+    elif plant.coordinates.decode is LOG.decode:
+        columns = [graph.apply("Exp", column) for column in columns]
+    for gain in columns:
+        for bound in (graph.apply("Greater", gain, zero), graph.apply("Less", gain, into(np.inf))):
+            found = graph.apply("And", found, bound)
+    for name, gain in zip(plant.gains, columns, strict=True):
+        graph.apply("Where", found, gain, into(np.nan), output=name)
+    graph.apply("Where", found, reached, unreachable, output="status")
 
 
-def _controller(graph: Graph, log_magnitude: str, phase: str, task: Task) -> tuple[str, str]:
+def _controller(graph: Graph, log_magnitude: str, phase: str, target: Target) -> list[str]:
     """`yawrate_env.controller.gains` in a graph, with the sine and cosine of the phase."""
-    target = task.target
-    omega = graph.constant(2 / target.Ts * np.tan(target.omega_c * target.Ts / 2))
+    omega = graph.constant(controller.warped(target))
     magnitude, cos = graph.apply("Exp", log_magnitude), graph.apply("Cos", phase)
     tangent = graph.apply("Neg", graph.apply("Div", graph.apply("Sin", phase), cos))
     if target.controller == "pi":
         kp = graph.apply("Mul", magnitude, cos)
-        return kp, graph.apply("Reciprocal", graph.apply("Mul", tangent, omega))
-    return graph.apply("Div", magnitude, cos), graph.apply("Div", tangent, omega)
+        return [kp, graph.apply("Reciprocal", graph.apply("Mul", tangent, omega))]
+    return [graph.apply("Div", magnitude, cos), graph.apply("Div", tangent, omega)]

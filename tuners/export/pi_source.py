@@ -25,15 +25,15 @@ _HEADER = Template("""\
 typedef $real ${name}_real;
 
 typedef struct {
-    ${name}_real integral; /* [rad] */
-    ${name}_real output;   /* last command [rad] */
+    ${name}_real integral; /* [$of_command] */
+    ${name}_real output;   /* last command [$of_command] */
 } ${name}_state;
 
-/* Take over without a bump: if the first step sees the same error [rad/s], it returns the
- * command [rad] that the actuator has now. */
+/* Take over without a bump: if the first step sees the same error [$of_output], it returns the
+ * command [$of_command] that the actuator has now. */
 void ${name}_start(${name}_state *state, ${name}_real error, ${name}_real command);
 
-/* Command [rad] for the error, wanted minus measured yaw rate [rad/s].  An error that is
+/* Command [$of_command] for the error, wanted minus measured $measured.  An error that is
  * not finite holds the last command. */
 ${name}_real ${name}_step(${name}_state *state, ${name}_real error);
 
@@ -142,12 +142,16 @@ def c_source(pi: DigitalPI, *, real: str = "double", name: str = "yawrate_pi") -
     validation.one_of("real", real, ("double", "float"))
     literals.check_name(name)
     errors, start = golden_errors(pi)
-    tolerance = _TOLERANCE[real] * max(-pi.low, pi.high, 1.0)
+    command, output = map(literals.comment, pi.units)
+    tolerance = _TOLERANCE[real] * max(abs(pi.low), abs(pi.high), 1.0)
     words = {
         "version": yawrate_env.__version__,
         "name": name,
         "guard": name.upper(),
         "real": real,
+        "of_command": command,
+        "of_output": output,
+        "measured": literals.comment(pi.signals[1]),
         **{key: f"{getattr(pi, key):.9g}" for key in ("kp", "Ti", "Ts")},
         "count": str(len(errors)),
         "tolerance": f"{tolerance:g}",

@@ -32,9 +32,26 @@ class Coordinates:
     decode: Callable[[Array], Array]
     names: Callable[[Names], Names] | None = None
 
+    @property
+    def target(self) -> Target | None:
+        """The loop whose controller they describe, where they are those of `loop`."""
+        owner = getattr(self.decode, "__self__", None)
+        return owner.target if isinstance(owner, _Loop) else None
+
 
 def _log(gains: Array) -> Array:
     return np.log(np.where(gains > 0, gains, np.nan))
+
+
+def _exp(values: Array) -> Array:
+    with np.errstate(over="ignore"):  # far from all that was learned
+        return _positive(np.exp(values))
+
+
+def _positive(gains: Array) -> Array:
+    """Gains (B, k); ``nan`` where not all of them are positive and finite."""
+    usable = (gains > 0) & np.isfinite(gains)
+    return np.where(usable.all(axis=1, keepdims=True), gains, np.nan)
 
 
 def _logged(gains: Names) -> Names:
@@ -45,12 +62,12 @@ def _unchanged(gains: Names) -> Names:
     return gains
 
 
-LOG = Coordinates(_log, np.exp, _logged)
+LOG = Coordinates(_log, _exp, _logged)
 """Logarithms: relative errors count; for gains that are positive."""
 
 
-PLAIN = Coordinates(np.asarray, np.asarray, _unchanged)
-"""The gains themselves: absolute errors count."""
+PLAIN = Coordinates(np.asarray, _positive, _unchanged)
+"""The gains themselves: absolute errors count; for gains that are positive."""
 
 
 def loop(target: Target) -> Coordinates:

@@ -92,6 +92,8 @@ class PlantResult:
         What was looked at.
     fit : PlantFit
         The plant that explains the recording best, beside it.
+    plant : Plant
+        What the tuner was trained for.
     """
 
     gains: dict[str, float]
@@ -102,6 +104,7 @@ class PlantResult:
     fallback: dict[str, float]
     checks: tuple[Check, ...] = field(repr=False)
     fit: PlantFit = field(repr=False)
+    plant: Plant = field(repr=False)
 
     @property
     def parameters(self) -> dict[str, float]:

@@ -139,6 +139,7 @@ class PlantTuner:
             self._named(self.fallback),
             checks,
             PlantFit.of(self.plant, found),
+            self.plant,
         )
 
     def assess(
