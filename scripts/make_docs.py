@@ -71,7 +71,9 @@ vehicle's, with the same formats, exit statuses, `--report` and `--json`. What d
   `--input-scale 50` for what is measured behind a gear. Scales come after units; one that would
   convert a second time is refused.
 - **Measured parameters** are a column's mean over the stretch that is used, converted
-  likewise, or `--measured speed=20` in the plant's unit.
+  likewise: of the column of the parameter's name, or of `--measured speed=wheel_speed`. Or they
+  are `--measured speed=20` in the plant's unit. What reads as a number is one: a column that is
+  called so, or is meant by its place, is put in quotes, `--measured 'speed="3"'`.
 - **Sampling**: other times than the plant's are resampled, the input held, the output along a
   cubic spline. Slower than a tenth of the crossover's period is refused, or than ten of the
   plant's samples where it has no crossover. An output that bends sharply where the input

@@ -16,9 +16,13 @@ from recordings import ROOT
 from test_imports import modules_after
 
 import tuners
+from tuners import data
 from tuners.catalogue import shipped
 from tuners.cli import COMMANDS, main
+from tuners.compressors import compressor
 from tuners.forms import Forms
+from tuners.learners.feedforward import FeedForwardSettings
+from tuners.stages import Recipe
 from tuners.vehicle_file import example as paper
 from yawrate_env.excitation import prbs
 from yawrate_env.task import Target
@@ -161,7 +165,48 @@ def test_a_tuner_is_trained_for_a_vehicle(tmp_path):
     )
     assert code == 0 and "training" in err
     assert re.search(r"phase margin [\d.e-]+ deg rms \(bound [\d.]+\), crossover .* 0 of", out)
-    assert tuners.load(tmp_path / "car.tuner").task.vehicle.J_z == 2600
+    tuner = tuners.load(tmp_path / "car.tuner")
+    assert tuner.task.vehicle.J_z == 2600 and tuner.training["name"] == "ts-ff-lag-vx"
+
+
+def short(path, J_z):
+    """A vehicle's file, with short episodes."""
+    text = paper().replace("N = 10_000", "N = 1_000").replace("Ts = 0.001", "Ts = 0.01")
+    path.write_text(text.replace("J_z = 2400.0", f"J_z = {J_z}"))
+    return path
+
+
+@pytest.mark.parametrize("stage, name", [("response", "ts-ff-lag-vx"), ("laguerre", "custom")])
+def test_a_tuner_is_trained_from_a_data_set(stage, name, tmp_path, monkeypatch):
+    quick = Recipe(compressor(stage), FeedForwardSettings(neurons=3, epochs=5))
+    monkeypatch.setattr("tuners.cli.train.LEARNER", quick.learner)
+    car, other = short(tmp_path / "car.toml", 2600.0), short(tmp_path / "other.toml", 2500.0)
+    made = ("--vehicle", car, "--compressor", stage, "--workers", 1, "--raw", "--episodes", 200)
+    assert call("dataset", "--out", tmp_path / "set", *made)[0] == 0
+    train = ("train", "--data", tmp_path / "set", "-o", tmp_path / "car.tuner")
+    code, out, err = call(*train)
+    assert code == 0 and "verifying" in err and f"training {name}" in err and "calibrating" in err
+    assert re.search(r"phase margin [\d.e-]+ deg rms \(bound [\d.]+\), crossover .* of 300", out)
+    found = tuners.load(tmp_path / "car.tuner")
+    assert found.task.vehicle.J_z == 2600.0 and found.calibration.episodes == 3000
+    assert found.training["name"] == name and found.training["vehicles"] == 200
+    expected = data.train(quick, tmp_path / "set")
+    np.testing.assert_array_equal(found.stages.learner.W1, expected.stages.learner.W1)
+    assert "task.vehicle.J_z is 2600.0 there and 2500.0 here" in refused(
+        UNUSABLE, *train, "--vehicle", other
+    )
+
+
+def test_what_cannot_be_trained_from(tmp_path):
+    out = ("-o", tmp_path / "car.tuner")
+    assert "does not exist" in refused(WRONG, "train", "--data", tmp_path / "none", *out)
+    assert "_manifest.json: No such file" in refused(UNUSABLE, "train", "--data", tmp_path, *out)
+    both = ("train", "--data", tmp_path, *out, "--episodes", 100)
+    assert "leave out --episodes" in refused(WRONG, *both)
+    made = ("dataset", "--out", tmp_path / "set", "--episodes", 60, "--workers", 1)
+    assert call(*made, "--context", "test")[0] == 0
+    assert "the test set" in call("train", "--data", tmp_path / "set", *out)[2]
+    assert not out[1].exists()
 
 
 def test_gains_and_tuners_are_exported(tmp_path):
@@ -191,6 +236,9 @@ def test_a_data_set_is_made_and_verified(tmp_path):
     code, out, _ = call("dataset", "--out", tmp_path / "set", "--verify")
     assert code == 0 and out.endswith("100 episodes, intact\n")
     assert "seed" in call(*made, "--seed", 1)[2]
+    more = ("dataset", "--episodes", 120, *made[3:])
+    assert call(*more)[1] == f"{tmp_path / 'set'}: 120 episodes\n"
+    assert "episodes is 120 there and 100 here" in call(*made)[2]
     assert "--episodes" in refused(WRONG, "dataset", "--out", tmp_path / "other")
     assert "not a whole" in refused(WRONG, *made[:2], 1.5, "--out", tmp_path / "other")
 

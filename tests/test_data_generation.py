@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import psutil
@@ -142,6 +142,40 @@ def test_killed_before_the_first_manifest(tmp_path, undisturbed):
     assert contents(tmp_path / "data") == undisturbed
 
 
+@pytest.mark.parametrize("before, after", [(100, 130), (30, 130), (110, 130), (110, 220)])
+def test_a_data_set_that_grew_is_the_larger_one(before, after, tmp_path, monkeypatch):
+    made(tmp_path / "data", before)
+    work, firsts = shards.made, []
+
+    def counted(configuration, shard, home):
+        firsts.append(shard.first)
+        return work(configuration, shard, home)
+
+    monkeypatch.setattr("tuners.data.shards.made", counted)
+    grown = made(tmp_path / "data", after)
+    assert firsts == list(range(before - before % SHARD, after, SHARD))  # the others are kept
+    assert len(grown) == after and verify(grown.path, sample=5)
+    made(tmp_path / "at once", after)
+    assert contents(grown.path) == contents(tmp_path / "at once")
+    with pytest.raises(DatasetError, match=f"episodes is {after} there and {before} here"):
+        made(tmp_path / "data", before)
+
+
+def test_an_unfinished_data_set_may_grow(partial, tmp_path):
+    made(partial, 310)
+    made(tmp_path / "at once", 310)
+    assert contents(partial) == contents(tmp_path / "at once")
+
+
+def test_what_is_damaged_does_not_grow(partial):
+    path = partial / "shard-000001.parquet"
+    path.write_bytes(path.read_bytes()[:-1] + b"!")
+    before = contents(partial)
+    with pytest.raises(DatasetError, match=f"{path.name} is damaged.*Delete"):
+        made(partial, 310)
+    assert contents(partial) == before
+
+
 def test_recordings_are_kept_on_request(tmp_path):
     task = Task(experiment=Experiment(Ts=0.01, N=1000, register="random"))
     folder = made(tmp_path / "data", 40, task=task, shard_size=30, raw=True)
@@ -223,7 +257,11 @@ def test_whole_numbers_may_be_written_as_floats(tmp_path):
     [
         ({"stage": Laguerre(order=5)}, "compressor.order is 4 there and 5 here"),
         ({"task": Task(prior=Prior(v_x=25.0))}, "task.prior.v_x is"),
-        ({"episodes": 301}, "episodes is 300 there and 301 here"),
+        ({"episodes": 299}, "episodes is 300 there and 299 here"),
+        (
+            {"episodes": 301, "raw": True},
+            "holds another data set: raw is False there and True here",
+        ),
         ({"shard_size": 51}, "shard_size is 50 there and 51 here"),
         ({"raw": True}, "raw is False there and True here"),
         ({"stage": Armax()}, "compressor.name is 'laguerre' there and 'armax' here"),
@@ -442,13 +480,69 @@ def test_killed_ten_times_at_random(tmp_path, undisturbed):
     assert contents(tmp_path / "data") == undisturbed
 
 
+GROWN = """
+import os, shutil, signal, sys
+from pathlib import Path
+from test_data_generation import contents, made
+from tuners.data import DatasetError, verify
+
+
+def until(steps):
+    "Let this process be killed instead of changing the disk once more."
+    def counted(function):
+        def step(*arguments):
+            if next(steps, None) is None:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return function(*arguments)
+        return step
+    os.fsync, os.replace = counted(os.fsync), counted(os.replace)
+
+
+old, fresh, out = map(Path, sys.argv[1:])
+made(old, 110)
+made(fresh, 170)
+kills = 0
+while True:
+    shutil.copytree(old, out)
+    child = os.fork()
+    if child == 0:
+        until(iter(range(kills)))
+        made(out, 170)
+        os._exit(0)
+    if os.waitpid(child, 0)[1] != signal.SIGKILL:
+        break
+    kills += 1
+    try:
+        print(len(verify(out)))
+    except DatasetError as error:
+        assert "lacks" in str(error) and "it goes on from there" in str(error), error
+        print("unfinished")
+    made(out, 170)
+    assert contents(out) == contents(fresh)
+    shutil.rmtree(out)
+assert contents(out) == contents(fresh)
+"""
+
+
+@pytest.mark.slow
+def test_killed_at_every_step_of_growing(tmp_path):
+    program = [sys.executable, "-c", GROWN, *(tmp_path / name for name in ("old", "fresh", "out"))]
+    done = subprocess.run(
+        program, env=environment(), check=True, capture_output=True, text=True, timeout=120
+    )
+    found = done.stdout.split()
+    # Five files, each fsynced, renamed and its folder fsynced; after the first it is another's.
+    assert found == ["110"] * 2 + ["unfinished"] * 12 + ["170"]
+
+
 @pytest.mark.slow
 def test_a_worker_that_is_killed_ends_the_run_and_loses_nothing(tmp_path, undisturbed):
     def kill(what, done, of):
         if done:
             for process in psutil.Process().children():
-                if any("LokyProcess" in word for word in process.cmdline()):
-                    process.kill()
+                with suppress(psutil.NoSuchProcess):  # it was killed before
+                    if any("LokyProcess" in word for word in process.cmdline()):
+                        process.kill()
 
     with pytest.raises(DatasetError, match="A worker died.*what is finished stays"):
         made(tmp_path / "data", count=2, progress=kill)
@@ -458,11 +552,12 @@ def test_a_worker_that_is_killed_ends_the_run_and_loses_nothing(tmp_path, undist
 
 
 @contextmanager
-def cluster(folder):
+def cluster(folder, **where):
     """A scheduler and two workers as processes of their own: its address, and the workers."""
     address = folder / "scheduler.json"
     python = [sys.executable, "-m"]
     options = {"env": environment(), "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    options |= where
     program = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
     program += ["--no-dashboard", "--scheduler-file", address]
     started = [subprocess.Popen([*python, *program], **options)]

@@ -26,6 +26,7 @@ from tuners.learners.gbm import GBMSettings
 from tuners.plants import fingerprint
 from tuners.plants.data import examples, recorded
 from tuners.stages import Recipe
+from tuners.vehicle_file import example as paper
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.excitation import prbs
 
@@ -99,6 +100,16 @@ def own_module(tmp_path):
     (folder / "my.toml").write_text('[plant]\nentry = "my_plant:plant"\n')
     yield folder
     sys.modules.pop("my_plant", None)
+
+
+def another(folder):
+    """A folder with a module of the same name, of another plant."""
+    other = folder / "other"
+    other.mkdir()
+    prior = '{"K": (2.0, 3.0), "T": (0.2, 1.0)}'
+    plant = f'plant = described(prior={prior}, entry="my_plant:plant")'
+    (other / "my_plant.py").write_text(f"from first_order import described\n{plant}")
+    return other
 
 
 @KINDS
@@ -193,6 +204,49 @@ def test_processes_find_the_module_where_it_is(scheduler, own_module):
     found = Folder(folder, plants.find("my_plant:plant", own_module))
     expected = examples(plant, EPISODES, 3, found.recipe.compressor)
     np.testing.assert_array_equal(found.read().features, expected.features)
+
+
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_of_two_modules_of_one_name_workers_import_the_right_one(count, own_module, tmp_path):
+    first, second = (plants.find("my_plant:plant", at) for at in (own_module, another(tmp_path)))
+    assert sys.modules["my_plant"].plant is first
+    found = made(tmp_path / "data", second, count=count)
+    np.testing.assert_array_equal(found.read().theta, examples(second, EPISODES, 3, STAGE).theta)
+    assert len(Folder(tmp_path / "data", second)) == EPISODES
+    with pytest.raises(DatasetError, match="not of the my_plant:plant that is found here: .*prior"):
+        Folder(tmp_path / "data")  # here that is the first
+
+
+@pytest.mark.slow
+def test_a_cluster_that_was_started_elsewhere(own_module, tmp_path):
+    """Its workers find the module by its folder; on another machine, their own or none."""
+    own, apart = plants.find("my_plant:plant", own_module), tmp_path / "apart"
+    apart.mkdir()
+    with cluster(apart, cwd=apart) as (scheduler, _):
+        made(tmp_path / "data", own, scheduler=scheduler)
+    own_module.rename(tmp_path / "not here")
+    apart = another(tmp_path)
+    for at, why in ((tmp_path / "apart", "no module 'my_plant'"), (apart, "not of the my_plant")):
+        (at / "scheduler.json").unlink(missing_ok=True)
+        with cluster(at, cwd=at) as (scheduler, _):
+            with pytest.raises(DatasetError, match=f"A worker: .*{why}.*the same module"):
+                made(tmp_path / "refused", own, scheduler=scheduler)
+            assert not (tmp_path / "refused").exists()
+    made(tmp_path / "here", own)
+    assert contents(tmp_path / "data") == contents(tmp_path / "here")
+
+
+@pytest.mark.slow
+def test_a_cluster_without_this_package_is_refused(tmp_path):
+    (tmp_path / "sitecustomize.py").write_text("import sys; sys.modules['tuners'] = None")
+    hidden = environment()
+    hidden["PYTHONPATH"] = f"{tmp_path}:{hidden['PYTHONPATH']}"
+    with (
+        cluster(tmp_path, env=hidden) as (scheduler, _),
+        pytest.raises(DatasetError, match="not installed where the scheduler, tcp://.* runs"),
+    ):
+        made(tmp_path / "data", scheduler=scheduler)
+    assert not (tmp_path / "data").exists()
 
 
 @pytest.mark.slow
@@ -339,7 +393,36 @@ def test_from_the_command_line(own_module):
     assert call("dataset", *options, "--verify")[1].endswith("100 episodes, intact\n")
     suited = plants.training.recipe_for(plant).compressor
     assert Folder(own_module.parent / "data").recipe.compressor == suited
+    response = (*options[:3], own_module / "r", "--episodes", 20, "--compressor", "response")
+    assert "are a vehicle's" in refused(2, "dataset", *response)
     assert "'extrapolation'" in refused(
         1, "dataset", *options[:3], own_module / "other", "--episodes", 20,
         "--context", "extrapolation",
     )  # fmt: skip
+
+
+def test_a_tuner_is_trained_from_the_command_line(own_module, tmp_path, monkeypatch):
+    small = Recipe(STAGE, QUICK["network"])
+    monkeypatch.setattr("tuners.data.training.recipe_for", lambda _: small)
+    monkeypatch.setattr("tuners.cli.plant.VALIDATION", 64)
+    file, out = own_module / "my.toml", tmp_path / "my.tuner"
+    own = plants.find("my_plant:plant", own_module)
+    folder = made(own_module / "data", own, raw=True).path
+    saved = []
+    for vehicle in ((), ("--vehicle", file)):  # the folder says what it is of
+        code, words, err = call("train", "--data", folder, "-o", out, *vehicle)
+        assert code == 0 and "training two-stage" in err and "calibrating" in err, err
+        assert "of 64 without stable loop" in words and "of Ti" in words
+        saved.append(out.read_bytes())
+    assert saved[0] == saved[1] and plants.load(out, own).training["vehicles"] == EPISODES
+    (own_module / "car.toml").write_text(paper())
+    train = "train", "-o", tmp_path / "no.tuner", "--data"
+    line = refused(2, *train, folder, "--vehicle", own_module / "car.toml")
+    assert "holds plants, and the --vehicle is a vehicle's file. Leave it out" in line
+    cars = of_vehicles(tmp_path / "cars", 20, task=TASK).path
+    assert "holds vehicles, and the --vehicle is a plant's" in refused(
+        2, *train, cars, "--vehicle", file
+    )
+    (another(tmp_path) / "my.toml").write_text(file.read_text())
+    other = refused(1, *train, folder, "--vehicle", tmp_path / "other" / "my.toml")
+    assert "not of the my_plant:plant" in other and "prior" in other

@@ -109,6 +109,27 @@ def test_another_compressor_is_refused(folder):
         data.train("ts-ff", folder.path)
 
 
+def test_any_recipe_learns_from_its_features(folder):
+    recipe = dataclasses.replace(RECIPES["ts-ff"], compressor=STAGE, learner=QUICK["ts-ff-lag"])
+    found, named = data.train(recipe, folder.path), data.train("ts-ff-lag", folder.path)
+    assert (found.training["name"], named.training["name"]) == ("custom", "ts-ff-lag")
+    np.testing.assert_array_equal(found.stages.learner.W1, named.stages.learner.W1)
+
+
+def test_other_vehicles_are_refused(folder):
+    other = dataclasses.replace(TASK, target=Target(55.0, 2.1))
+    with pytest.raises(DatasetError, match="other vehicles: task.target.crossover is 2.0 there"):
+        data.train("ts-ff-lag", folder.path, task=other)
+    assert data.train("ts-ff-lag", folder.path, task=TASK).task == TASK
+
+
+@pytest.mark.parametrize("name", ["test", "calibration"])
+def test_nothing_learns_from_what_tells_how_good_it_is(name, tmp_path):
+    generate(TASK, name, STAGE, 60, 0, tmp_path / "data", workers=1)
+    with pytest.raises(DatasetError, match=f"the {name} set.*nothing may learn.*the train set"):
+        data.train("ts-ff-lag", tmp_path / "data")
+
+
 def test_damage_is_refused_before_training(tmp_path):
     folder = generate(TASK, TRAIN, STAGE, 60, 0, tmp_path / "data")
     path = folder.path / folder.manifest.shards[0].file

@@ -102,7 +102,9 @@ def test_early_stopping_keeps_the_best_validation_weights():
     data = (*noisy_toy(60, 0), *noisy_toy(60, 1))  # 62 weights for 120 noisy numbers
     epochs = []
     found = trained(*data, progress=lambda done, of: epochs.append((done, of)))
+    *epochs, end = epochs
     last = len(epochs)
+    assert end == (last, last)  # it goes no further
     assert epochs == [(k, 1000) for k in range(1, last + 1)] and 5 < last < 1000
 
     def stopped_at(k):

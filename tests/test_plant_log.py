@@ -144,6 +144,25 @@ def test_a_measured_parameter_is_a_column_or_a_flag(tuned, written):
     assert not tuned(missing, "--measured", "K=1.6")["trusted"]
 
 
+def test_a_measured_parameter_is_the_mean_of_any_column(tuned, written):
+    swinging = K * (1 + 0.005 * np.sin(COLUMNS["t"]))
+    log = written(K=0 * Y, **{"gain (filtered)": swinging, "1.5": swinging})
+    mean = pytest.approx(np.mean(swinging), rel=1e-6)
+    for named in ("gain (filtered)", "'gain (filtered)'", '"1.5"', '"5"'):  # or a place, from 1
+        assert tuned(log, "--measured", f"K={named}")["log"]["measured"]["K"] == mean
+    found = tuned(log, "--measured", "K=1.5")  # what reads as a number is one
+    assert found["log"]["measured"] == {"K": 1.5}
+
+
+def test_a_column_that_the_log_lacks_is_refused_with_those_it_has(written, tuner):
+    of = ("tune", written(), "--tuner", tuner, "--measured")
+    assert "No column 'speed' for K; there are t, valve [%], flow, K." in refused(
+        WRONG, *of, "K=speed"
+    )
+    assert "No column '1.25' for K; there are t" in refused(WRONG, *of, 'K="1.25"')
+    assert "K varies from" in refused(UNUSABLE, *of, "K=flow")
+
+
 def test_a_measured_parameter_that_cannot_be_used(written, tuner):
     of = ("tune", written(K=None), "--tuner", tuner)
     assert "covers 0.5 to 2. Give what was measured, as in --measured K=2" in refused(UNUSABLE, *of)

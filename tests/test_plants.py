@@ -15,6 +15,7 @@ from tuners.model_file import ModelFileError
 from tuners.plants.black_box import black_box, functions_for, suited
 from tuners.plants.bound import cramer_rao, parameter_covariance
 from tuners.plants.data import episodes, recorded, sample
+from tuners.plants.entry import home
 from tuners.plants.evaluation import GRAY_BOX, NOMINAL, ORACLE, TUNER, compare
 from tuners.plants.fit import fit
 from tuners.plants.identification import identify
@@ -347,16 +348,36 @@ plant = first_order.described(prior=prior, entry="clashing:plant")
 """
 
 
-def test_modules_of_one_name_are_each_folders_own(tmp_path):
+@pytest.fixture
+def clashing(tmp_path):
+    """Two folders with modules of the same names."""
     folders = [tmp_path / name for name in "ab"]
     for high, folder in enumerate(folders, start=2):
         folder.mkdir()
         (folder / "clashing.py").write_text(SAME_NAME)
         (folder / "shared_by_both.py").write_text(f"K = (0.5, {high})")
-    found = [plants.find("clashing:plant", folder) for folder in (*folders, *folders)]
+    yield folders
+    for name in ("clashing", "shared_by_both"):
+        sys.modules.pop(name, None)
+
+
+def test_modules_of_one_name_are_each_folders_own(clashing, tmp_path):
+    found = [plants.find("clashing:plant", folder) for folder in (*clashing, *clashing)]
     assert [p.prior["K"][1] for p in found] == [2, 3, 2, 3]
+    assert [home(p) for p in found] == [*clashing, *clashing]
     assert sys.modules["clashing"].plant.prior["K"][1] == 2  # the first stays
     assert str(tmp_path) not in "".join(sys.path)
+
+
+def test_tuners_of_modules_of_one_name_have_each_its_own(tuner, clashing, tmp_path):
+    for folder in clashing:
+        own = plants.find("clashing:plant", folder)
+        plants.PlantTuner(own, tuner.stages, tuner.black_box, {}).save(folder / "my.tuner")
+    found = [plants.load(folder / "my.tuner") for folder in reversed(clashing)]
+    assert [t.plant.prior["K"][1] for t in found] == [3, 2]
+    (clashing[1] / "my.tuner").rename(tmp_path / "moved.tuner")
+    with pytest.raises(ModelFileError, match="another clashing:plant.*its prior changed"):
+        plants.load(tmp_path / "moved.tuner")
 
 
 def test_a_module_that_is_imported_already_is_used_where_the_folder_has_none(tmp_path):

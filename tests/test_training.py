@@ -174,6 +174,17 @@ def test_wrong_arguments_are_refused_before_any_work(name, arguments, message, m
         tuners.train(name, Task(), **arguments)
 
 
+def test_a_record_has_the_recipes_name(data):
+    def recorded(recipe, **kwargs):
+        tuner = tuners.train(recipe, Task(), episodes=60, dataset=data, **kwargs)
+        return tuner.training["name"]
+
+    recipe = RECIPES["ts-ff"]
+    other = dataclasses.replace(recipe, learner=FeedForwardSettings(neurons=3, epochs=5))
+    assert recorded(recipe) == "ts-ff" and recorded(other) == "custom"
+    assert recorded(other, name="ts-ff") == "ts-ff"
+
+
 def test_a_task_is_a_task():
     for attempt in (lambda: tuners.train("ts-ff", 5), lambda: tuners.load("gb", 5)):
         with pytest.raises(ValueError, match="task = 5 is not a Task. Make one with"):

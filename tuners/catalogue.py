@@ -70,6 +70,7 @@ def train(
     *,
     episodes: int | None = None,
     seed: int = TRAINING_SEED,
+    name: str | None = None,
     progress: Progress | None = None,
     dataset: Examples | None = None,
 ) -> TwoStage:
@@ -85,19 +86,21 @@ def train(
         Simulated vehicles, the recipe's if not given; 80 % train, the rest validate.
     seed : int
         Of the data and of the learner.
+    name : str, optional
+        What the record calls it; its name in `RECIPES`, or else ``"custom"``.
     progress : callable, optional
         Called with what is being done, how far it is, and how far it goes.
     dataset : Examples, optional
         Data already simulated with this compressor, instead of new.
     """
-    name, recipe = named(tuner)
+    known, recipe = named(tuner)
     task = Task(prior=Prior(v_x=recipe.v_x)) if task is None else _checked(task)
     stages, training = fit(
         yaw_rate(task, recipe.coordinates),
         recipe,
         count=episodes,
         seed=seed,
-        name=name,
+        name=name or known,
         data=dataset,
         progress=progress,
     )
@@ -107,7 +110,7 @@ def train(
 def named(tuner: str | Recipe) -> tuple[str, Recipe]:
     """A recipe and what to call it."""
     if isinstance(tuner, Recipe):
-        return "custom", tuner
+        return next((name for name, of in RECIPES.items() if of == tuner), "custom"), tuner
     return tuner, RECIPES[validation.one_of("tuner", tuner, tuple(RECIPES))]
 
 

@@ -13,10 +13,14 @@ class Bars:
         self._bar: tqdm[Any] | None = None
 
     def __call__(self, what: str, done: int, of: int) -> None:
-        """Show how far a stage is; another stage starts another bar."""
+        """Show how far a stage is; another stage starts another bar.
+
+        A stage that ends early says so: it goes no further than it is, and its bar is full.
+        """
         if self._bar is None or self._bar.desc != what:
             self.close()
             self._bar = tqdm(total=of, initial=done, desc=what, ncols=88)
+        self._bar.total = of
         self._bar.update(done - self._bar.n)
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tuners.compressors import FirstStage
     from tuners.plants import Plant
 
-COMPRESSORS = ("laguerre", "armax")
+COMPRESSORS = ("laguerre", "armax", "response")
 SAMPLE = 100
 
 
@@ -40,7 +40,8 @@ SAMPLE = 100
     type=click.Choice(COMPRESSORS),
     default="laguerre",
     show_default=True,
-    help="What the features are; laguerre's pole is one that suits a plant.",
+    help="What the features are; laguerre's pole is one that suits a plant, response is what "
+    "`yawrate train` takes by itself, for vehicles only.",
 )
 @click.option(
     "--vehicle", type=READABLE, help="A vehicle's TOML file, or a plant's. [default: the paper's]"
@@ -72,7 +73,8 @@ def command(
 ) -> None:  # fmt: skip
     """Simulate a data set of episodes, on this machine's cores or on a cluster.
 
-    An interrupted run is called again and goes on where it was.
+    An interrupted run is called again and goes on where it was.  A folder that holds
+    fewer episodes grows to what is asked for; one that holds more is refused.
 
     A plant's module is found beside its TOML file, beside the folder, where the command
     runs, and by PYTHONPATH.
@@ -104,6 +106,8 @@ def _stage(plant: "Plant | None", name: str) -> "FirstStage":
     from tuners.compressors import compressor
     from tuners.plants.training import recipe_for
 
+    if plant is not None and name == "response":
+        raise click.UsageError("The frequencies of --compressor response are a vehicle's.")
     if plant is not None and name == "laguerre":
         return recipe_for(plant).compressor
     return compressor(name)

@@ -50,7 +50,7 @@ def _said(given: dict[str, str | None]) -> dict[str, str]:
     return {role: word for role, word in given.items() if word is not None}
 
 
-def _once(pairs: tuple[tuple[str, float], ...]) -> dict[str, float]:
+def _once(pairs: tuple[tuple[str, float | str], ...]) -> dict[str, float | str]:
     names = [name for name, _ in pairs]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -117,6 +117,7 @@ def _plants() -> list[Decorator]:
         *(scale(f"--{signal}-scale", help=words.format(signal)) for signal in SIGNALS),
         flag(
             "--measured", type=ASSIGNMENT, multiple=True,
-            help="What was measured beside the recording, instead of a column; can be repeated.",
+            help="What was measured beside the recording: a number, or a column, whose mean it is, "
+            "if not the one that is called NAME; can be repeated.",
         ),
     ]  # fmt: skip

@@ -45,16 +45,25 @@ class Count(Number):
 
 
 class Assignment(Number):
-    """A name and a finite number, as in ``speed=20``."""
+    """A name and a finite number, as in ``speed=20``, or the name of a column.
+
+    What reads as a number is one; in quotes it is a column, ``speed="20"``.
+    """
 
     name = "name=value"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Take apart, and check the number."""
-        name, equals, number = str(value).partition("=")
-        if not (name and equals):
+        name, _, given = (part.strip() for part in str(value).partition("="))
+        if not (name and given):
             self.fail(f"{value!r} is not of the form NAME=VALUE.", param, ctx)
-        return name.strip(), super().convert(number, param, ctx)
+        if len(given) > 2 and given[0] == given[-1] and given[0] in "'\"":
+            return name, given[1:-1]
+        try:
+            float(given)
+        except ValueError:
+            return name, given
+        return name, super().convert(given, param, ctx)
 
 
 NUMBER, POSITIVE, NONZERO = Number(), Number(positive=True), Number(nonzero=True)

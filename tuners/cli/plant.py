@@ -12,7 +12,6 @@ from tuners.cli.answer import plain
 from tuners.cli.hints import Array, Trial, hints
 from tuners.plants.log import PlantLog, PlantOptions, read_log
 from tuners.plants.names import valued
-from tuners.plants.plant import Plant
 from tuners.plants.result import PlantResult
 from tuners.words import best, between, every
 
@@ -23,17 +22,6 @@ VALIDATION = 300
 
 STEP, LATEST = 0.001, 0.03
 """How much earlier an output is tried, in lengths of the experiment."""
-
-
-def train(plant: Plant, out: Path, episodes: int | None, seed: int) -> str:
-    """Train, save, and say how accurate the tuner is."""
-    from tuners.plants import train
-    from tuners.progress import Bars
-
-    with Bars() as bars:
-        tuner = train(plant, count=episodes, seed=seed, progress=bars)
-    tuner.save(out)
-    return accuracy(tuner, seed)
 
 
 def accuracy(tuner: "PlantTuner", seed: int) -> str:

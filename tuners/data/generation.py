@@ -1,5 +1,7 @@
 """Data sets of any size: shards made in parallel, written one by one, resumed where they stopped.
 
+One that grows is one that is not finished: its manifest says more, and the rest is made.
+
 Workers only compute; this process alone writes.  So a cluster needs no common file
 system, a full disk is met in one place, and nothing that a worker does when it is killed
 can be seen in the folder.
@@ -59,7 +61,7 @@ def generate(
     """Write the first `episodes` of a context set's seed to a folder.
 
     What is written does not depend on who computes it, nor on how often the run was
-    interrupted; rows do not depend on `shard_size` either.
+    interrupted or asked for more; rows do not depend on `shard_size` either.
 
     Parameters
     ----------
@@ -69,8 +71,10 @@ def generate(
         Which family of them, of `yawrate_env.contexts.CONTEXT_SETS`, or its name.
     compressor : Armax, Laguerre or FrequencyResponse
         What makes features of recordings.
+    episodes : int
+        How many; a folder that holds fewer grows, one that holds more is refused.
     out : path
-        A new folder, or one of the same configuration that is not finished.
+        A new folder, or one of the same configuration, finished or not.
     shard_size : int, optional
         Episodes a file; 4096, more from four million episodes on, or 512 with recordings.
     workers : int, optional
@@ -98,7 +102,8 @@ def generate(
     recipe = Configuration(what, family, compressor, seed, episodes, shard_size, raw)
     _check_compressor(recipe)
     folder = Path(out)
-    Configuration.from_json(recipe.to_json(), folder.parent)  # as all workers will
+    place = recipe.subject.home() or folder.parent
+    home = Configuration.from_json(recipe.to_json(), place).subject.home()  # as all workers will
     with _owned(folder):
         with _explained(folder):
             found = _begun(folder, recipe, resume, progress)
@@ -107,7 +112,7 @@ def generate(
         done = episodes - sum(shard.rows for shard in missing)
         if progress is not None:
             progress("simulating", done, episodes)
-        work = partial(shards.made, found.configuration, home=recipe.subject.home())
+        work = partial(shards.made, found.configuration, home=home)
         for shard, content in pool.results(work, missing, count, scheduler):
             with _explained(folder):
                 found = _with(found, shard, content, folder)
@@ -141,7 +146,8 @@ def _begun(
         raise DatasetError(f"{folder} holds something else already. Name a new folder.")
     if not resume:
         raise DatasetError(f"{folder} holds a data set already. Resume it, or name a new folder.")
-    found = Manifest.read(folder)
+    before = Manifest.read(folder)
+    found = before.grown(recipe.episodes)
     other = "; ".join(manifest.differences(configuration, found.configuration))
     if other:
         raise DatasetError(
@@ -151,6 +157,8 @@ def _begun(
     wrong = damage(folder, found, progress)
     if wrong:
         raise DatasetError(f"{'; '.join(wrong)}. Delete what is damaged: it will be made again.")
+    if found is not before:
+        found.write(folder)  # before a longer shard takes the place of a shorter one
     return replace(found, shards=tuple(s for s in found.shards if (folder / s.file).exists()))
 
 

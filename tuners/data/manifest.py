@@ -189,6 +189,16 @@ class Manifest:
         """One more is finished."""
         return replace(self, shards=tuple(sorted((*self.shards, shard), key=lambda s: s.first)))
 
+    def grown(self, episodes: int) -> "Manifest":
+        """The same data set on its way to more episodes, if these are more.
+
+        All shards stay but a last one that is shorter than the others: it will be longer.
+        """
+        if not self.configuration.get("episodes", episodes) < episodes:
+            return self
+        full = (s for s in self.shards if s.rows == self.configuration["shard_size"])
+        return Manifest(self.configuration | {"episodes": episodes}, tuple(full))
+
     def write(self, folder: Path) -> None:
         """Replace the folder's manifest."""
         root, episodes = self.configuration["seed"], self.configuration["episodes"]

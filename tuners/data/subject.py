@@ -116,7 +116,7 @@ class Plants:
 
     def home(self) -> Path | None:
         """The folder of the plant's module, which workers import."""
-        return entry.home(self.described.entry)
+        return entry.home(self.described)
 
     def designed(self, rows: Examples) -> tuple[Columns, NDArray[np.float64]]:
         """Further columns, of which there are none, and gains (m, k) of the design rule."""

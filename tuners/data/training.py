@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.catalogue import RECIPES, TRAINING_SEED
+from tuners.catalogue import TRAINING_SEED, named
 from tuners.data.folder import Folder, check
-from tuners.data.manifest import DatasetError
+from tuners.data.manifest import DatasetError, differences
 from tuners.plants.coordinates import Coordinates
 from tuners.plants.plant import Plant
 from tuners.plants.training import (
@@ -30,15 +30,20 @@ from yawrate_env.task import Task
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
+HELD_OUT = ("test", "calibration")
+"""Sets that tell how good a tuner is, from which nothing may learn."""
+
 
 def train(
-    name: str,
+    tuner: str | Recipe,
     dataset: str | os.PathLike[str],
     *,
+    task: Task | None = None,
     seed: int = TRAINING_SEED,
+    name: str | None = None,
     progress: Progress | None = None,
 ) -> TwoStage:
-    """Train one of `tuners.RECIPES` from a folder of vehicles that `generate` wrote.
+    """Train a two-stage tuner from a folder of vehicles that `generate` wrote.
 
     The same split, scaling and method as `tuners.train` has.  The network comes out the
     same to rounding: Levenberg and Marquardt's equations are summed part by part, exactly.
@@ -46,22 +51,41 @@ def train(
 
     Parameters
     ----------
+    tuner : str or Recipe
+        One of `tuners.RECIPES`, or any other.
     dataset : path
         The folder; its compressor must be the recipe's.
+    task : Task, optional
+        What the folder must be of; it holds one itself.
     seed : int
         Of the split and the learner; 80 % of the vehicles train, the rest validate.
+    name : str, optional
+        What the record calls it; its name in `tuners.RECIPES`, or else ``"custom"``.
     progress : callable, optional
         Called with what is being done, how far it is, and how far it goes.
     """
-    recipe = RECIPES[validation.one_of("tuner", name, tuple(RECIPES))]
+    known, recipe = named(tuner)
     validation.count("seed", seed, at_least=0)
     folder = Folder(dataset)
-    task = folder.recipe.what
-    if not isinstance(task, Task):
+    found = folder.recipe.what
+    if not isinstance(found, Task):
         raise DatasetError(f"{dataset} holds no vehicles. Use tuners.data.train_plant.")
-    coordinates = yaw_rate(task, recipe.coordinates).coordinates
-    stages, training = fit(folder, name, recipe, coordinates, seed, progress)
-    return TwoStage(task, stages, recipe.coordinates, training)
+    if task is not None:
+        _check_same(folder, task)
+    coordinates = yaw_rate(found, recipe.coordinates).coordinates
+    stages, training = fit(folder, name or known, recipe, coordinates, seed, progress)
+    return TwoStage(found, stages, recipe.coordinates, training)
+
+
+def _check_same(folder: Folder, task: Task) -> None:
+    """`DatasetError` where a folder is of other vehicles."""
+    wanted = replace(folder.recipe, what=task).to_json()
+    other = "; ".join(differences(wanted, folder.recipe.to_json()))
+    if other:
+        raise DatasetError(
+            f"{folder.path} holds other vehicles: {other}. Generate a data set of these, or leave "
+            "them out: the folder says what it is of."
+        )
 
 
 def train_plant(
@@ -133,6 +157,11 @@ def fit(
         raise DatasetError(
             f"{folder.path} has features of {folder.recipe.compressor}, {name} works on those of "
             f"{recipe.compressor}. Generate a data set with that compressor."
+        )
+    if folder.recipe.contexts.name in HELD_OUT:
+        raise DatasetError(
+            f"{folder.path} holds the {folder.recipe.contexts.name} set, which tells how good a "
+            "tuner is: nothing may learn from it. Generate the train set."
         )
     check(folder, progress)
     part = trains(len(folder), seed)

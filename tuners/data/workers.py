@@ -10,11 +10,15 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import contextmanager
+from importlib.util import find_spec
 from itertools import islice
 from threading import Thread
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from tuners.data.manifest import DatasetError
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 Job = TypeVar("Job")
 Size = Callable[[], int]
@@ -102,9 +106,24 @@ def _cluster(workers: int, scheduler: str) -> Iterator[tuple[Executor, Size]]:
         ) from None
     try:
         with client:
+            _check_installed(client)
             yield client.get_executor(pure=False), lambda: max(sum(client.nthreads().values()), 1)
     except KilledWorker as error:
         raise DatasetError(
             f"One shard brought down several workers, perhaps for want of memory: {error}. "
             "Choose smaller shards; what is finished stays."
         ) from None
+
+
+def _check_installed(client: "Client") -> None:
+    """`DatasetError` where this package is missing: a worker would die of its job, unheard."""
+
+    def has_it() -> bool:  # pickled by value, being local
+        return find_spec("tuners") is not None
+
+    found = {"the scheduler": client.run_on_scheduler(has_it), **client.run(has_it)}
+    missing = [who for who, has in found.items() if not has]
+    if missing:
+        raise DatasetError(
+            f"This package is not installed where {', '.join(missing)} runs. Install it there."
+        )

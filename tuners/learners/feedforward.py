@@ -300,10 +300,10 @@ def _train(
 ) -> "torch.Tensor":
     import torch
 
-    mu, fails = settings.mu, 0
+    mu, fails, done = settings.mu, 0, 0
     best, best_error = weights, _loss(weights, shape, validation)
     eye = torch.eye(len(weights), dtype=weights.dtype)
-    for epoch in range(settings.epochs):
+    while done < settings.epochs:
         loss, Je, JJ = _summed(weights, shape, training)
         if 2 * Je.norm() < _LEAST_GRADIENT:
             break
@@ -322,8 +322,11 @@ def _train(
             best, best_error, fails = weights, error, 0
         else:
             fails += 1
+        done += 1
         if progress is not None:
-            progress(epoch + 1, settings.epochs)
+            progress(done, settings.epochs)
         if fails >= settings.max_fail:
             break
+    if progress is not None and 0 < done < settings.epochs:
+        progress(done, done)  # it goes no further
     return best

@@ -12,7 +12,6 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import copy
-from functools import cache
 from importlib import import_module, invalidate_caches
 from pathlib import Path
 from types import ModuleType
@@ -21,6 +20,9 @@ from tuners.plants.calls import said
 from tuners.plants.plant import Plant
 
 _FORM = 'Write it as "module:attribute", for example "my_plant:plant".'
+
+_ASIDE: dict[tuple[str, Path], ModuleType] = {}
+"""Modules that others of their name keep out of ``sys.modules``, by name and folder."""
 
 
 def find(entry: str | Plant, folder: Path | None = None) -> Plant:
@@ -70,10 +72,15 @@ def named(plant: Plant, what: str) -> str:
     return plant.entry
 
 
-def home(entry: str) -> Path | None:
-    """The folder from which an entry's module was imported; None if no file holds it."""
-    name = entry.partition(":")[0]
-    module = sys.modules.get(name)
+def home(plant: Plant) -> Path | None:
+    """The folder from which a plant's module was imported; None if no file holds it.
+
+    Of several modules of one name it is the one that holds the plant, or else the first.
+    """
+    name, _, attribute = plant.entry.partition(":")
+    modules = [sys.modules.get(name), *(m for (n, _), m in _ASIDE.items() if n == name)]
+    held = (m for m in modules if _is(getattr(m, attribute, None), plant))
+    module = next(held, modules[0])
     if module is None or not getattr(module, "__file__", None):
         return None
     depth = name.count(".") + hasattr(module, "__path__")
@@ -97,6 +104,11 @@ def from_toml(path: Path) -> Plant | None:
         raise ValueError(f"{path}: {error}") from error
 
 
+def _is(found: object, plant: Plant) -> bool:
+    """Whether a plant is the one found, or what `entered` made of it."""
+    return isinstance(found, Plant) and found.prior is plant.prior
+
+
 def _within(name: str, missing: str | None) -> bool:
     """Whether a module that is missing is the named one, or a package on the way to it."""
     return missing is not None and f"{name}.".startswith(f"{missing}.")
@@ -108,12 +120,13 @@ def _module(name: str, folder: Path | None) -> ModuleType:
     places = [place.resolve() for place in (folder, Path()) if place is not None]
     home = next((place for place in places if _is_in(top, place)), None)
     if home is not None and not _comes_from(home, top) and _taken(top, home):
-        return _aside(name, home)
+        if (name, home) not in _ASIDE:
+            _ASIDE[name, home] = _aside(name, home)
+        return _ASIDE[name, home]
     with _importable(folder):
         return import_module(name)
 
 
-@cache
 def _aside(name: str, home: Path) -> ModuleType:
     """Import a module while others, whose names it and its neighbours have, are out of the way.
 

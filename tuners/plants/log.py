@@ -48,7 +48,7 @@ class PlantOptions:
     input_scale, output_scale : float
         What a column is multiplied by, once it is in the plant's unit.
     measured : dict
-        Measured parameters, instead of a column.
+        Measured parameters to their values, or to the columns whose means they are.
     Ts : float or None
         Sampling time [s], where there is no time column or it is not to be used.
     start, stop : float or None
@@ -58,7 +58,7 @@ class PlantOptions:
     choice: Choice = field(default_factory=Choice)
     input_scale: float = 1.0
     output_scale: float = 1.0
-    measured: Mapping[str, float] = field(default_factory=dict)
+    measured: Mapping[str, float | str] = field(default_factory=dict)
     Ts: float | None = None
     start: float | None = None
     stop: float | None = None
@@ -125,7 +125,7 @@ def read_log(path: Path, plant: Plant, options: PlantOptions | None = None) -> P
     u, y = signals["input"][part], signals["output"][part]
     _check_moving(u, y, plant)
     means, varied = _means(plant, {n: signals[n][part] for n in beside})
-    measured = means | given
+    measured = means | {n: v for n, v in given.items() if not isinstance(v, str)}
     _check_complete(plant, measured)
     return PlantLog(
         path.name, float(base.grid[part.start]), base.Ts, u, y, measured,
@@ -133,10 +133,10 @@ def read_log(path: Path, plant: Plant, options: PlantOptions | None = None) -> P
     )  # fmt: skip
 
 
-def _given(plant: Plant, measured: Mapping[str, float]) -> dict[str, float]:
+def _given(plant: Plant, measured: Mapping[str, float | str]) -> dict[str, float | str]:
     """What the user measured, its unit named or not; only what the plant calls measured can be."""
     whole = {plain(name): name for name in plant.measured}
-    given = {}
+    given: dict[str, float | str] = {}
     for name, value in measured.items():
         if not plant.measured:
             raise SelectionError(f"--measured {name}: nothing is measured beside this plant.")
@@ -149,7 +149,7 @@ def _given(plant: Plant, measured: Mapping[str, float]) -> dict[str, float]:
 
 
 def _found(
-    table: Table, plant: Plant, options: PlantOptions, given: Mapping[str, float]
+    table: Table, plant: Plant, options: PlantOptions, given: Mapping[str, float | str]
 ) -> tuple[dict[str, Quantity], list[str]]:
     """Quantities by role, in the plant's units, and notes; measured parameters by their names."""
     time = of_role("time", table, options.choice)
@@ -163,8 +163,9 @@ def _found(
     if found["input"].name == found["output"].name:
         raise SelectionError(f"Input and output are both column {found['input'].name}.")
     for parameter in plant.measured:
-        column = None if parameter in given else called(parameter, table)
-        if column is not None:
+        meant = given[parameter] if parameter in given else called(parameter, table)
+        if isinstance(meant, str):
+            column = named(meant, parameter, table.names)
             found[parameter], words = quantity(table, column, Wanted(parameter))
             notes += words
     return found, notes
