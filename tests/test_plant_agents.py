@@ -15,6 +15,8 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from test_imports import modules_after
 
 from tuners import plants, rl_training
+from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.regularised import Regularised
 from tuners.feature_map import ActionMap
 from tuners.learners.agent import Agent
 from tuners.plants.coordinates import PLAIN
@@ -25,6 +27,7 @@ from tuners.rl import ALGORITHMS, Training
 from tuners.wrappers import Compressed, LoopAction
 from tuners.yaw_rate import yaw_rate
 from yawrate_env import FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID
+from yawrate_env.excitation import prbs
 from yawrate_env.task import Experiment, Prior, Task
 
 PLANTS = {"plain": "first_order:plant", "measured": "first_order:gauged"}
@@ -87,6 +90,19 @@ def test_features_are_those_of_the_plants_own_recipe():
     raw = features * found.scale + found.mean
     np.testing.assert_allclose(raw[:, :-1], expected, atol=1e-5)
     np.testing.assert_allclose(raw[:, -1], np.log(seen.theta[:, 0]), atol=1e-5)  # the measured K
+
+
+def test_inputs_of_their_own_have_features_that_the_prior_holds_together():
+    def registers(words):
+        return prbs(500, plant.Ts, 0.5, 1.0, order=14, start=words)
+
+    various = described(excite=registers)
+    found = Compressed(PlantEnv(various))
+    assert isinstance(found.map.compressor, Regularised)
+    found.reset(seed=3)
+    assert found.observation_space.shape == (len(found.map.compressor.directions),)
+    coarse = Compressed(PlantEnv(various), order=6).map.compressor
+    assert coarse == Laguerre(6, found.map.compressor.pole)
 
 
 def test_features_are_standardised_over_the_prior():

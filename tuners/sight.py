@@ -4,17 +4,15 @@ Both are read as recordings of a plant with something known beside them.  A vehi
 environment shows what its ``visible`` says, and may average samples.
 """
 
-from dataclasses import asdict
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tuners.compressors import FirstStage, compressor
-from tuners.compressors.laguerre import Laguerre
 from tuners.plants.env import PlantEnv, PlantVectorEnv, recordings
 from tuners.plants.plant import Plant
-from tuners.plants.training import recipe_for
+from tuners.plants.training import compressor_for
 from tuners.recording import Recording
 from tuners.yaw_rate import yaw_rate
 from yawrate_env.env import PITuningEnv
@@ -79,11 +77,13 @@ class PlantSight:
         return self.plant.shown(theta)
 
     def compressor(self, name: str, **settings: Any) -> FirstStage:
-        """A first stage by name; Laguerre functions are those of the plant's own recipe."""
-        suited = recipe_for(self.plant).compressor
-        if name == "laguerre" and isinstance(suited, Laguerre):
-            settings = asdict(suited) | settings
-        return compressor(name, **settings)
+        """A first stage by name; ``laguerre`` is that of the plant's own recipe."""
+        if name != "laguerre":
+            return compressor(name, **settings)
+        suited = compressor_for(self.plant)
+        if not settings:
+            return suited
+        return compressor(name, **{"order": suited.order, "pole": suited.pole, **settings})
 
 
 def sight(env: Any) -> Sight:

@@ -104,10 +104,10 @@ def command(
 def _stage(plant: "Plant | None", name: str) -> "FirstStage":
     """A compressor by name, set for vehicles or to suit a plant."""
     from tuners.compressors import compressor
-    from tuners.plants.training import recipe_for
+    from tuners.plants.training import compressor_for
 
     if plant is not None and name == "response":
         raise click.UsageError("The frequencies of --compressor response are a vehicle's.")
     if plant is not None and name == "laguerre":
-        return recipe_for(plant).compressor
+        return compressor_for(plant)
     return compressor(name)

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.regularised import Regularised
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.plants.black_box import functions_for, suited, suited_to_any_input
 from tuners.plants.data import Episodes, Examples, designed, episodes, examples
@@ -27,16 +29,22 @@ LEAST_PLANTS = 50
 
 
 def recipe_for(plant: Plant) -> Recipe:
-    """Laguerre features with a pole that suits the plant, a small network, fresh noise.
+    """`compressor_for` the plant, a small network, fresh noise; for more inputs more plants."""
+    learner = FeedForwardSettings(neurons=16, max_fail=10, epochs=300)
+    count = 1000 if plant.excite is None else 2000
+    return Recipe(compressor_for(plant), learner, noise_draws=6, vehicles=count)
+
+
+def compressor_for(plant: Plant) -> Laguerre | Regularised:
+    """Laguerre features with a pole that suits the plant.
 
     What a few functions leave out of one input a network learns; where every episode has an
-    input of its own it takes more functions, which the prior holds together, and more plants.
+    input of its own it takes more functions, which the prior holds together.
     """
-    learner, most = FeedForwardSettings(neurons=16, max_fail=10, epochs=300), len(plant.u) // 10
+    most = len(plant.u) // 10
     if plant.excite is None:
-        return Recipe(suited(plant, min(ORDER, most)), learner, noise_draws=6, vehicles=1000)
-    compressor = suited_to_any_input(plant, min(MORE, most))
-    return Recipe(compressor, learner, noise_draws=6, vehicles=2000)
+        return suited(plant, min(ORDER, most))
+    return suited_to_any_input(plant, min(MORE, most))
 
 
 def fit(
