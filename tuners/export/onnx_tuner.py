@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.compressors.laguerre import lifted
+from tuners.compressors.laguerre import Laguerre, lifted
+from tuners.compressors.regularised import Regularised
 from tuners.compressors.response import FrequencyResponse
 from tuners.export.graph import Graph
 from tuners.export.parts import Parts
@@ -47,7 +48,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
     Parameters
     ----------
     tuner : TwoStage or PlantTuner
-        With Laguerre features, or a frequency response made of these.
+        With Laguerre features, regularised or not, or a frequency response made of these.
     features : bool
         Begin at the features instead of the output.
 
@@ -64,9 +65,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
     else:
         output = plain_name(plant.signals[1])
         inputs[output] = ["episodes", len(plant.u)]
-        X = graph.apply("MatMul", output, graph.constant(compression(parts).T))
-        if isinstance(parts.compressor, FrequencyResponse):
-            X = _response(graph, X, parts.compressor.functions(plant.Ts))
+        X = _first_stage(graph, output, parts)
     inputs |= {name: ["episodes"] for name in plant.shown_names}
     X = graph.joined(X, *(_shown(graph, plant, name) for name in plant.shown_names))
     _decode(graph, _learner(graph, parts.learner, X), X, plant)
@@ -82,16 +81,44 @@ def plain_name(signal: str) -> str:
     return "_".join(signal.partition(" [")[0].split()) or "output"
 
 
-def compression(parts: Parts) -> Array:
-    """(order, N) that turns outputs of the experiment into Laguerre coefficients."""
-    plant = parts.plant
+def _first_stage(graph: Graph, output: str, parts: Parts) -> str:
+    """Features of outputs of the experiment; (episodes, n)."""
+    plant, stage = parts.plant, parts.compressor
     if plant.excite is not None:
         raise ValueError(
             "every episode has an input of its own, and the first stage is no constant matrix. "
             "Export with features=True (--features), and the first stage to target c."
         )
     phi = parts.laguerre.regressors(plant.u[None], plant.Ts)[0]
-    return np.asarray(np.linalg.solve(lifted(phi @ phi.T), phi))
+    gram = lifted(phi @ phi.T)
+    fit = graph.constant(np.linalg.solve(gram, phi).T)
+    coefficients = graph.apply("MatMul", output, fit)
+    match stage:
+        case Laguerre():
+            return coefficients
+        case FrequencyResponse():
+            return _response(graph, coefficients, stage.functions(plant.Ts))
+        case Regularised():
+            return _regularised(graph, output, coefficients, stage, phi, gram)
+
+
+def _regularised(
+    graph: Graph, output: str, coefficients: str, stage: Regularised, phi: Array, gram: Array
+) -> str:
+    """`Regularised` for one input, which makes the eigenvectors constants; (episodes, r)."""
+    into, m, W = graph.constant, np.array(stage.mean), np.array(stage.directions).T
+    information, vectors = np.linalg.eigh(W.T @ gram @ W)
+    products = graph.apply("MatMul", output, into(phi.T))
+    energies = [
+        graph.apply("ReduceSum", graph.apply("Mul", *factors), into([1], np.int64))
+        for factors in ((output, output), (products, coefficients))
+    ]
+    left = graph.apply("Max", graph.apply("Sub", *energies), into(0.0))
+    variance = graph.apply("Div", left, into(float(phi.shape[1] - stage.order)))
+    centred = graph.apply("Sub", products, into(gram @ m))
+    turned = graph.apply("MatMul", centred, into(W @ vectors))
+    weighed = graph.apply("Div", turned, graph.apply("Add", variance, into(information)))
+    return graph.apply("MatMul", weighed, into(vectors.T))
 
 
 def _texts(parts: Parts) -> dict[str, str]:
