@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import onnxruntime
 import pytest
-from c_programs import answers, compiled, passes
+from c_programs import answers, passes
 from first_order import TS, described
 from recordings import ROOT, recorded
 from test_cli import UNUSABLE, WRONG, call, refused
@@ -20,7 +20,7 @@ from tuners.compressors.armax import Armax
 from tuners.compressors.laguerre import Laguerre
 from tuners.compressors.response import FrequencyResponse
 from tuners.coordinates import decode
-from tuners.export import Gains, export, first_stage_source, tuner_source
+from tuners.export import Gains, export, tuner_source
 from tuners.export.onnx_tuner import onnx_model
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
@@ -235,42 +235,10 @@ def test_golden_vectors_see_a_wrong_tuner(tmp_path):
         assert not passes(tmp_path, "yawrate_laguerre", "yawrate_tuner")
 
 
-def test_golden_vectors_see_a_wrong_first_stage(tmp_path):
-    files = first_stage_source(trained("regularised inputs"))
-    for name, text in files.items():
-        (tmp_path / name).write_text(text)
-    mistakes = {"output * output": "output", "energy - explained": "energy",
-                " - (double)ORDER": "", "- (weight * MEAN[k])": "+ weight", "j <= i": "j < i",
-                "gram[(j * ORDER) + i] =": "gram[(i * ORDER) + j] ="}  # fmt: skip
-    for right, wrong in mistakes.items():
-        text = files["yawrate_laguerre.c"].replace(right, wrong)
-        assert text != files["yawrate_laguerre.c"]
-        (tmp_path / "yawrate_laguerre.c").write_text(text)
-        parts = "yawrate_laguerre.c", "yawrate_laguerre_test.c"
-        assert compiled(tmp_path, *parts, flags=["-Wno-unused"]).returncode == 1
-
-
-def test_regularised_features_are_those_of_as_many_samples_as_were_trained_on(tmp_path):
-    tuner, (u, y, _) = trained("regularised inputs"), faulty("regularised inputs")
-    export(tuner, "c", tmp_path)
-    assert "It takes 48 to 500 samples" in (tmp_path / "yawrate_tuner.h").read_text()
-    assert "It takes 48 samples or more" in (tmp_path / "yawrate_laguerre.h").read_text()
-    signals = np.tile(np.stack([u[7], y[7]], axis=1), (2, 1))
-    counts = (47, 48, 500, 501)
-    gains, status = answers(tmp_path, ([[n], signals[:n].ravel()] for n in counts))
-    assert (status == Status.UNREACHABLE).tolist() == [True, False, False, True]
-    for n, found in zip(counts[1:3], gains[1:3], strict=True):
-        np.testing.assert_allclose(found, tuner.gains(u[7, :n], y[7:8, :n])[0], rtol=SINGULAR)
-    with pytest.raises(ValueError, match="47 samples are too few"):
-        tuner.gains(u[7, :47], y[7:8, :47])
-
-
 def test_a_header_says_what_memory_it_takes(tmp_path):
     text = tuner_source(trained("measured"))["yawrate_tuner.h"]
     assert f"a state of {8 * 9**2} bytes" in text and "bytes of constants" in text
     assert "T, slope" in text and "YAWRATE_TUNER_GAINS 3" in text
-    own = tuner_source(trained("regularised inputs"))["yawrate_tuner.h"]
-    assert f"a state of {8 * (25**2 + 2)} bytes" in own
 
 
 def test_what_is_called_strangely_stays_in_its_comment(tmp_path):

@@ -15,6 +15,12 @@ from tuners.compressors.response import FrequencyResponse
 from tuners.export import literals
 from tuners.export.parts import OnLaguerre, feature_count
 
+UNEXCITED = 1e-5
+"""Relative error of what follows where a prior alone holds what the input left singular.
+
+The noise is told from equations that determine not all of it; rounding is then seen at 1e-7.
+"""
+
 _FIT = Template("""\
 
 static const double RIDGE = 1e-14; /* of the trace */
@@ -150,8 +156,6 @@ int ${name}_solve(const ${name}_state *state, double features[${guard}_FEATURES]
 _REGULARISED = Template("""
 #define COUNT ${guard}_FEATURES
 
-static const double LEAST = $least; /* samples */
-
 /* Coefficients of the simulated plants: their mean, */
 static const double MEAN[ORDER] = {
 $mean
@@ -219,7 +223,7 @@ int ${name}_solve(const ${name}_state *state, double features[${guard}_FEATURES]
     for (i = 0; i < COUNT; i++) {
         information[i * (COUNT + 1)] += noise;
     }
-    if ((solved(COUNT, information, features) != 0) || (state->samples < LEAST)) {
+    if ((solved(COUNT, information, features) != 0) || $unfit) {
         failed = 1;
     }
     for (i = 0; i < COUNT; i++) {
@@ -232,7 +236,7 @@ int ${name}_solve(const ${name}_state *state, double features[${guard}_FEATURES]
 """)
 
 
-def features_source(compressor: OnLaguerre, Ts: float, name: str) -> str:
+def features_source(compressor: OnLaguerre, Ts: float, name: str, longest: int | None) -> str:
     """``solve`` of a first stage that is called so, and what it needs."""
     words = {"name": name, "guard": name.upper()}
     fit = _FIT.substitute(words)
@@ -240,9 +244,12 @@ def features_source(compressor: OnLaguerre, Ts: float, name: str) -> str:
         case Laguerre():
             return fit + _COEFFICIENTS.substitute(words)
         case Regularised():
+            bounds = [f"< {least_samples(compressor)}.0"]
+            if longest is not None:
+                bounds.append(f"> {longest}.0")
             return fit + _REGULARISED.substitute(
                 words,
-                least=literals.number(least_samples(compressor)),
+                unfit=" || ".join(f"(state->samples {bound})" for bound in bounds),
                 mean=literals.rows(compressor.mean),
                 directions=literals.table(np.array(compressor.directions)),
             )
@@ -261,6 +268,14 @@ def least_samples(compressor: OnLaguerre) -> int:
     return (2 if isinstance(compressor, Regularised) else 10) * compressor.order
 
 
+def samples_taken(compressor: OnLaguerre, longest: int | None) -> str:
+    """The same in words, with the most that it may have."""
+    least = least_samples(compressor)
+    if longest is None:
+        return f"{least} samples or more, and however many"
+    return f"{least} to {longest} samples, as many as it was trained on"
+
+
 def stack_size(compressor: OnLaguerre) -> int:
     """Bytes that the solution takes, roughly."""
     own = feature_count(compressor) ** 2 if isinstance(compressor, Regularised) else 0
@@ -273,7 +288,7 @@ def constant_size(compressor: OnLaguerre) -> int:
         case Laguerre():
             own = 0
         case Regularised():
-            own = 1 + compressor.order * (1 + feature_count(compressor))
+            own = compressor.order * (1 + feature_count(compressor))
         case FrequencyResponse():
             own = 1 + compressor.order * feature_count(compressor)
     return 8 * (3 + own)

@@ -11,7 +11,7 @@ from tuners.export import literals
 
 Array = NDArray[np.float64]
 
-_STEPS = 200
+_SAMPLES, _STEPS = 12_000, 200
 _INPUT, _NOISE = 0.02, 0.001
 
 _RECORD = Template("""\
@@ -54,9 +54,9 @@ class GoldenSignals:
     samples: int
 
     @classmethod
-    def of(cls, pole: float, Ts: float, gain: float = 1.0, samples: int = 12_000) -> Self:
+    def of(cls, pole: float, Ts: float, gain: float = 1.0, longest: int | None = None) -> Self:
         """A lag that functions with this pole [rad/s] explain, but none of them alone."""
-        return cls(float(np.exp(-0.7 * pole * Ts)), gain, samples)
+        return cls(float(np.exp(-0.7 * pole * Ts)), gain, longest or _SAMPLES)
 
     def __call__(self) -> tuple[Array, Array]:
         """Input and output, (1, N) each."""

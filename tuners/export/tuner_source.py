@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import yawrate_env
 from tuners.export import literals
 from tuners.export.compressor_source import compressor_source, state_size
-from tuners.export.features_source import constant_size, least_samples, stack_size
+from tuners.export.features_source import UNEXCITED, constant_size, samples_taken, stack_size
 from tuners.export.golden import GoldenSignals
 from tuners.export.learner_source import (
     CODES,
@@ -30,7 +30,6 @@ Array = NDArray[np.float64]
 
 _PLANTS = 24
 _TOLERANCE = 1e-9  # relative, of gains
-_UNEXCITED = 1e-5  # the same where the prior alone holds what the input left singular
 
 _HEADER = Template("""\
 /* $gains from one recording of $input and $output,
@@ -129,7 +128,7 @@ int ${name}_solve(const ${first}_state *state, ${beside}double gains[${guard}_GA
 {
     double features[${upper}_FEATURES];
 
-    if (${beyond}(${first}_solve(state, features) != 0)) {
+    if (${first}_solve(state, features) != 0) {
         features[0] = NAN;
     }
     return ${name}_gains(features, ${pass}gains);
@@ -235,7 +234,9 @@ def first_stage_source(tuner: Any, *, name: str = "yawrate_laguerre") -> dict[st
     """The same of the first stage alone, which boosted trees have too."""
     parts = Parts.of(tuner)
     plant = parts.plant
-    return compressor_source(parts.compressor, plant.Ts, signals=plant.signals, name=name)
+    return compressor_source(
+        parts.compressor, plant.Ts, signals=plant.signals, name=name, longest=parts.longest
+    )
 
 
 def _words(parts: Parts, name: str, first: str) -> dict[str, str]:
@@ -251,7 +252,7 @@ def _words(parts: Parts, name: str, first: str) -> dict[str, str]:
         "version": yawrate_env.__version__, "name": name, "first": first, "guard": guard,
         "upper": first.upper(), "gains": names, "input": input_, "output": output,
         "Ts": f"{plant.Ts:.9g}", "count": str(len(plant.gains)), "all": str(parts.width),
-        **_samples(parts),
+        "samples": samples_taken(stage, parts.longest),
         "bytes": str(state_size(stage)), "stack": str(stack_size(stage) + 8 * own),
         "constants": str(constant_size(stage) + learner_size(learner)),
         "learner": learner_source(learner), "decode": decode_source(plant.coordinates),
@@ -262,17 +263,6 @@ def _words(parts: Parts, name: str, first: str) -> dict[str, str]:
         "shown": "".join(_shown(parts, i) for i in range(len(shown))),
         **{code: str(int(status)) for code, status in CODES.items()},
     }  # fmt: skip
-
-
-def _samples(parts: Parts) -> dict[str, str]:
-    """How many it takes, and the refusal of more."""
-    least, most = least_samples(parts.compressor), parts.longest
-    if most is None:
-        return {"samples": f"{least} samples or more, and however many", "beyond": ""}
-    return {
-        "samples": f"{least} to {most} samples, as many as it was trained on",
-        "beyond": f"(state->samples > {literals.number(most)}) || ",
-    }
 
 
 def _shown(parts: Parts, i: int) -> str:
@@ -290,15 +280,14 @@ def _golden(parts: Parts, first: str) -> dict[str, str]:
     features[-1, 0], features[-2] = np.nan, -features[-2]
     features[-4:-2] *= [[3.0], [30.0]]
     size = float(np.linalg.norm(outputs[0]) / np.linalg.norm(plant.u))
-    samples = {} if parts.longest is None else {"samples": parts.longest}
-    test = GoldenSignals.of(parts.compressor.pole, plant.Ts, size, **samples)
+    test = GoldenSignals.of(parts.compressor.pole, plant.Ts, size, parts.longest)
     whole, _ = parts.compressor(*test(), plant.Ts)
     theta = np.concatenate([theta, theta[:1]])
     gains, status = parts.answer(np.concatenate([features, whole]), theta)
     beside = [list(plant.prior).index(name) for name in plant.shown_names]
     return {
         "rows": str(_PLANTS), "tolerance": f"{_TOLERANCE:g}", "features": literals.table(features),
-        "whole": f"{_TOLERANCE if parts.longest is None else _UNEXCITED:g}",
+        "whole": f"{_TOLERANCE if parts.longest is None else UNEXCITED:g}",
         "wanted": literals.table(gains), "status": ", ".join(map(str, status)),
         "record": test.source(first),
         **_golden_measured(theta[:, beside]),
