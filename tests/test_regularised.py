@@ -17,11 +17,22 @@ U = prbs(500, TS, 0.5, 1.0, order=14, start=WORDS)
 RNG = np.random.default_rng(0)
 MEAN, SPREAD = RNG.standard_normal(12), RNG.standard_normal((3, 12))
 COEFFICIENTS = MEAN + RNG.standard_normal((2000, 3)) @ SPREAD
-STAGE = regularised(FUNCTIONS, COEFFICIENTS, 1e-3)
+SIGMA = 3.0
 
 
 def responses(coefficients):
     return np.einsum("bn,bnk->bk", coefficients, FUNCTIONS.regressors(U, TS))
+
+
+def made(coefficients, sigma=SIGMA):
+    """The compressor that knows these, of recordings of one of the inputs each."""
+    gram, _ = FUNCTIONS.normal_equations(U, U, TS, np.empty((0, 500)))
+    gram = gram[np.arange(len(coefficients)) % 6]
+    right = (gram @ coefficients[..., None])[..., 0]
+    return regularised(FUNCTIONS, gram, right, np.full(len(coefficients), sigma**2))
+
+
+STAGE = made(COEFFICIENTS)
 
 
 def test_directions_are_those_of_the_simulated_plants():
@@ -31,38 +42,37 @@ def test_directions_are_those_of_the_simulated_plants():
     np.testing.assert_allclose(STAGE.mean, COEFFICIENTS.mean(axis=0), rtol=1e-8)
 
 
-def test_directions_that_hardly_vary_are_left_out():
-    assert len(regularised(FUNCTIONS, COEFFICIENTS, 0.9).directions) == 1
-    alike = COEFFICIENTS + 1e-4 * RNG.standard_normal(COEFFICIENTS.shape)
-    assert len(regularised(FUNCTIONS, alike, 1e-3).directions) == 3
+def test_directions_that_noise_hides_are_left_out():
+    alike = COEFFICIENTS + 1e-3 * RNG.standard_normal(COEFFICIENTS.shape)
+    assert len(made(alike).directions) == 3
+    assert len(made(alike, 1e-4).directions) == 12
+    assert len(made(COEFFICIENTS, 1e6).directions) == 1
 
 
 def test_without_noise_the_components_are_found():
     z = RNG.standard_normal((6, 3))
     y = responses(np.array(STAGE.mean) + z @ np.array(STAGE.directions))
-    features, usable = STAGE(U, y, TS)
+    features, usable = replace(STAGE, variance=0.0)(U, y, TS)
     assert usable.all()
     np.testing.assert_allclose(features, z, atol=1e-6)
 
 
 def test_with_noise_they_are_the_posterior_mean():
-    z, sigma = RNG.standard_normal((6, 3)), 3.0
+    z = RNG.standard_normal((6, 3))
     m, W = np.array(STAGE.mean), np.array(STAGE.directions)
-    y = responses(m + z @ W) + sigma * RNG.standard_normal((6, 500))
+    y = responses(m + z @ W) + SIGMA * RNG.standard_normal((6, 500))
     features, _ = STAGE(U, y, TS)
     for row, phi, found in zip(y, FUNCTIONS.regressors(U, TS), features, strict=True):
-        left = row - np.linalg.lstsq(phi.T, row, rcond=None)[0] @ phi
-        variance = left @ left / (500 - 12)
         # Gaussian conditioning of z on the samples, the textbook's other form.
         H = W @ phi
-        gain = H @ np.linalg.inv(H.T @ H + variance * np.eye(500))
+        gain = H @ np.linalg.inv(H.T @ H + STAGE.variance * np.eye(500))
         np.testing.assert_allclose(found, gain @ (row - m @ phi), atol=1e-6)
 
 
 def test_noise_costs_less_than_without_the_prior():
     z = RNG.standard_normal((6, 3))
     m, W = np.array(STAGE.mean), np.array(STAGE.directions)
-    y = responses(m + z @ W) + 3.0 * RNG.standard_normal((6, 500))
+    y = responses(m + z @ W) + SIGMA * RNG.standard_normal((6, 500))
     own = (FUNCTIONS(U, y, TS)[0] - m) @ np.linalg.pinv(W)
     assert np.abs(STAGE(U, y, TS)[0] - z).mean() < 0.5 * np.abs(own - z).mean()
 
@@ -89,6 +99,21 @@ def test_nothing_is_read_from_silence():
     assert STAGE(U[:2], y, TS)[1].tolist() == [True, False]
 
 
+@pytest.mark.parametrize("stage", [STAGE, FUNCTIONS], ids=["regularised", "laguerre"])
+def test_an_input_that_moves_at_the_last_sample_only_comes_too_late(stage):
+    u = np.zeros((1, 500))
+    u[0, -1] = 1.0
+    assert not stage(u, RNG.standard_normal((1, 500)), TS)[1].any()
+    u[0, -2] = 1.0
+    assert stage(u, RNG.standard_normal((1, 500)), TS)[1].all()
+
+
+@pytest.mark.parametrize("coefficients", [np.zeros((5, 12)), np.full((5, 12), np.inf)])
+def test_inputs_that_tell_nothing_are_refused(coefficients):
+    with pytest.raises(ValueError, match="nothing can be learned from such inputs. Give some"):
+        made(coefficients)
+
+
 def test_it_goes_through_a_file():
     written = json.loads(json.dumps(compressors.described(STAGE)))
     assert written["name"] == "regularised"
@@ -98,7 +123,21 @@ def test_it_goes_through_a_file():
 
 def test_bad_settings_are_refused():
     settings = asdict(STAGE)
-    with pytest.raises(ValueError, match="12 coefficients each"):
-        Regularised(**settings | {"mean": (1.0,)})
+    row = settings["directions"][0]
+    for changes, words in (
+        ({"order": 0}, "order = 0"),
+        ({"order": 2.5}, "order = 2.5"),
+        ({"pole": -1.0}, "pole = -1"),
+        ({"pole": "fast"}, "pole = 'fast'"),
+        ({"mean": (1.0,)}, "mean has shape"),
+        ({"mean": 3}, "mean has shape"),
+        ({"mean": (np.nan, *MEAN[1:])}, "mean has nan"),
+        ({"directions": (row[:-1],)}, "directions has shape"),
+        ({"variance": -1.0}, "variance = -1"),
+        ({"directions": ()}, "directions has shape"),
+        ({"directions": (row, row)}, "2 directions must be .* none follows from the others"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            Regularised(**settings | changes)
     with pytest.raises(ValueError, match="20 samples are too few for 12"):
         STAGE(U[:, :20], U[:, :20], TS)

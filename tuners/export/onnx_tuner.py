@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.compressors.laguerre import lifted
+from tuners.compressors.regularised import Regularised
 from tuners.compressors.response import FrequencyResponse
 from tuners.export.graph import Graph
 from tuners.export.parts import Parts
@@ -48,7 +49,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
     Parameters
     ----------
     tuner : TwoStage or PlantTuner
-        With Laguerre features, or a frequency response made of these.
+        With Laguerre features, regularised or not, or a frequency response made of these.
     features : bool
         Begin at the features instead of the output.
 
@@ -65,9 +66,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
     else:
         output = plain_name(plant.signals[1])
         inputs[output] = ["episodes", len(plant.u)]
-        X = graph.apply("MatMul", output, graph.constant(compression(parts).T))
-        if isinstance(parts.compressor, FrequencyResponse):
-            X = _response(graph, X, parts.compressor.functions(plant.Ts))
+        X = _first_stage(graph, output, parts)
     inputs |= {name: ["episodes"] for name in plant.shown_names}
     X = graph.joined(X, *(_shown(graph, plant, name) for name in plant.shown_names))
     _decode(graph, _learner(graph, parts.learner, X), X, plant)
@@ -83,16 +82,24 @@ def plain_name(signal: str) -> str:
     return "_".join(signal.partition(" [")[0].split()) or "output"
 
 
-def compression(parts: Parts) -> Array:
-    """(order, N) that turns outputs of the experiment into Laguerre coefficients."""
-    plant = parts.plant
+def _first_stage(graph: Graph, output: str, parts: Parts) -> str:
+    """Features of outputs of the experiment; (episodes, n)."""
+    plant, stage = parts.plant, parts.compressor
     if plant.excite is not None:
         raise ValueError(
             "every episode has an input of its own, and the first stage is no constant matrix. "
             "Export with features=True (--features), and the first stage to target c."
         )
-    phi = parts.laguerre.regressors(plant.u[None], plant.Ts)[0]
-    return np.asarray(np.linalg.solve(lifted(phi @ phi.T), phi))
+    into, phi = graph.constant, parts.laguerre.regressors(plant.u[None], plant.Ts)[0]
+    gram = phi @ phi.T
+    if isinstance(stage, Regularised):
+        matrix, offset = stage.linear(gram)
+        components = graph.apply("MatMul", output, into((matrix @ phi).T))
+        return graph.apply("Sub", components, into(offset))
+    coefficients = graph.apply("MatMul", output, into(np.linalg.solve(lifted(gram), phi).T))
+    if isinstance(stage, FrequencyResponse):
+        return _response(graph, coefficients, stage.functions(plant.Ts))
+    return coefficients
 
 
 def _texts(parts: Parts) -> dict[str, str]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.regularised import Regularised
 from tuners.compressors.response import FrequencyResponse
 from tuners.coordinates import decode
 from tuners.learners import Learner
@@ -27,6 +28,9 @@ from yawrate_env.design import Status
 
 Array = NDArray[np.float64]
 
+OnLaguerre = Laguerre | Regularised | FrequencyResponse
+"""First stages that start from the same sums: coefficients, and what is made of them."""
+
 _EXPORTED = (
     "Export ts-ff-lag or ts-gbm-lag, ts-ff-lag-vx, or one trained with Laguerre features, as "
     "plants.train does it by default."
@@ -41,14 +45,14 @@ class Parts:
     ----------
     plant : Plant
         What it was trained for.
-    compressor : Laguerre or FrequencyResponse
+    compressor : Laguerre, Regularised or FrequencyResponse
         First stage.
     learner : FeedForward, GBM or Trend
         Second stage.
     """
 
     plant: Plant
-    compressor: Laguerre | FrequencyResponse
+    compressor: OnLaguerre
     learner: Learner
 
     @classmethod
@@ -65,11 +69,11 @@ class Parts:
                 f"{_EXPORTED}"
             )
         stages = tuner.stages
-        if not isinstance(stages.compressor, Laguerre | FrequencyResponse):
+        if not isinstance(stages.compressor, OnLaguerre):
             name = type(stages.compressor).__name__
             raise ValueError(
-                f"a tuner of kind {tuner.kind!r} is not exported: its first stage is {name}, which "
-                f"is not linear in the output. {_EXPORTED}"
+                f"a tuner of kind {tuner.kind!r} is not exported: its first stage is {name}, and "
+                f"only those on Laguerre functions leave Python. {_EXPORTED}"
             )
         if isinstance(tuner, TwoStage):
             plant = yaw_rate(tuner.task, tuner.coordinates)
@@ -82,8 +86,7 @@ class Parts:
     @property
     def features(self) -> int:
         """How many the first stage gives."""
-        stage = self.compressor
-        return stage.order if isinstance(stage, Laguerre) else 2 * stage.points
+        return feature_count(self.compressor)
 
     @property
     def width(self) -> int:
@@ -126,6 +129,17 @@ class Parts:
                 f"and {len(beside)} from what is measured: these are not all. Train it again for "
                 "this plant."
             )
+
+
+def feature_count(compressor: OnLaguerre) -> int:
+    """How many features a first stage gives."""
+    match compressor:
+        case Laguerre():
+            return compressor.order
+        case Regularised():
+            return len(compressor.directions)
+        case FrequencyResponse():
+            return 2 * compressor.points
 
 
 def _width(learner: Learner) -> int:

@@ -12,12 +12,8 @@ from numpy.typing import NDArray
 
 import yawrate_env
 from tuners.export import literals
-from tuners.export.compressor_source import (
-    compressor_source,
-    constant_size,
-    stack_size,
-    state_size,
-)
+from tuners.export.compressor_source import compressor_source, state_size
+from tuners.export.features_source import constant_size, least_samples, stack_size
 from tuners.export.golden import GoldenSignals
 from tuners.export.learner_source import (
     CODES,
@@ -211,7 +207,8 @@ def tuner_source(
     Parameters
     ----------
     tuner : TwoStage or PlantTuner
-        With Laguerre features, or a frequency response made of these, and a network.
+        With Laguerre features, regularised or not, or a frequency response made of these, and a
+        network.
     name, first : str
         Prefix of the files and of all that they declare, of the tuner and of its first stage.
 
@@ -240,7 +237,7 @@ def first_stage_source(tuner: Any, *, name: str = "yawrate_laguerre") -> dict[st
 
 def _words(parts: Parts, name: str, first: str) -> dict[str, str]:
     """What header and source say."""
-    plant, order = parts.plant, parts.compressor.order
+    plant, stage = parts.plant, parts.compressor
     learner = check_learner(parts.learner)
     guard, shown = name.upper(), plant.shown_names
     names = ", ".join(map(literals.comment, plant.gains))
@@ -251,9 +248,9 @@ def _words(parts: Parts, name: str, first: str) -> dict[str, str]:
         "version": yawrate_env.__version__, "name": name, "first": first, "guard": guard,
         "upper": first.upper(), "gains": names, "input": input_, "output": output,
         "Ts": f"{plant.Ts:.9g}", "count": str(len(plant.gains)), "all": str(parts.width),
-        "least": str(10 * order),
-        "bytes": str(state_size(order)), "stack": str(stack_size(order) + 8 * own),
-        "constants": str(constant_size(parts.compressor) + learner_size(learner)),
+        "least": str(least_samples(stage)),
+        "bytes": str(state_size(stage)), "stack": str(stack_size(stage) + 8 * own),
+        "constants": str(constant_size(stage) + learner_size(learner)),
         "learner": learner_source(learner), "decode": decode_source(plant.coordinates),
         "define": f"#define {guard}_MEASURED {len(shown)}\n" if shown else "",
         "beside": f"const double measured[{guard}_MEASURED], " if shown else "",

@@ -35,7 +35,6 @@ _HIDDEN = 4.0  # of the noise's variance, where a start has some twenty unknowns
 _SAMPLES = 10  # for each function, at least
 _SIGNIFICANT = 4.0  # standard deviations of the statistic under rest
 _LARGEST_KEPT = 20_000  # samples: 3 MB
-_SMALLEST = 1e-3  # component of the prior's coefficients, beside the largest
 _NEGLIGIBLE = 3e-6  # of the output's energy: the functions themselves may leave out as much
 
 
@@ -121,8 +120,8 @@ def suited_to_any_input(plant: Plant, order: int) -> Regularised:
     functions = suited(plant, order)
     u = plant.inputs(stream(_SEED, 0, _MOST_PLANTS, 1)[:, 0])
     y = plant.respond(sample(plant, _MOST_PLANTS), u)
-    coefficients = functions.coefficients(u, y, plant.Ts, np.empty((0, y.shape[1])))
-    return regularised(functions, coefficients, _SMALLEST)
+    equations = functions.normal_equations(u, y, plant.Ts, np.empty((0, y.shape[1])))
+    return regularised(functions, *equations, plant.sigma(y) ** 2)
 
 
 def free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, float]:

@@ -21,16 +21,21 @@ from tuners.gray_box import GrayBox
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.metrics import bootstrap_interval, ratio_of_rms
-from tuners.plants.black_box import suited_to_any_input
 from tuners.stages import Recipe
 from tuners.tuner import Tuner
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.batch import concatenate
 from yawrate_env.contexts import CONTEXT_SETS
 from yawrate_env.task import Experiment, Prior, Task
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
+
+RANDOM = Recipe(
+    Laguerre(order=16, pole=12.0),
+    FeedForwardSettings(neurons=16, max_fail=10, epochs=400),
+    noise_draws=12,
+)
+"""For random registers, where what a basis leaves out is noise too: more functions."""
 
 TREES = Recipe(
     Laguerre(order=8, pole=12.0),
@@ -40,9 +45,6 @@ TREES = Recipe(
 """Boosted trees on Laguerre features and nothing else."""
 
 MANY = 40_000
-
-FUNCTIONS = 24
-"""For random registers, where what a basis leaves out is noise too: more of them."""
 
 _BATCH = 256
 
@@ -132,7 +134,7 @@ def run(
         entry("ts-ff-lag", load("ts-ff-lag"), fixed, vehicles, close, progress),
         entry("gb", GrayBox(anywhere), varied, "–", episodes, progress),
         entry(
-            "ts-ff, regularised", train(_for_any_input(anywhere), anywhere, progress=progress),
+            "ts-ff-lag, 16 functions", train(RANDOM, anywhere, progress=progress),
             varied, vehicles, episodes, progress,
         ),
         entry("gb", GrayBox(speeds), every, "–", episodes, progress),
@@ -171,12 +173,6 @@ def to_markdown(rows: Sequence[Entry]) -> str:
             f"| {row.rms[0]:.5f} | {ratios[0]} | {row.rms[1]:.6f} | {ratios[1]} | {row.unstable} |"
         )
     return "\n".join(lines) + "\n"
-
-
-def _for_any_input(task: Task) -> Recipe:
-    """Features that the prior holds together, where every episode has a register of its own."""
-    learner = FeedForwardSettings(neurons=16, max_fail=10, epochs=400)
-    return Recipe(suited_to_any_input(yaw_rate(task), FUNCTIONS), learner, noise_draws=12)
 
 
 def _pair(values: Any) -> tuple[float, float]:
