@@ -34,6 +34,7 @@ from tuners.learners.feedforward import FeedForward
 from tuners.learners.gbm import GBM
 from tuners.learners.trend import Trend
 from tuners.plants.coordinates import LOG
+from tuners.plants.names import split
 from tuners.plants.plant import Plant
 from yawrate_env import controller
 from yawrate_env.design import LEAST_LAG, Status
@@ -80,7 +81,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
 
 def plain_name(signal: str) -> str:
     """A signal's name without its unit, in one word."""
-    return "_".join(signal.partition(" [")[0].split()) or "output"
+    return "_".join(split(signal)[0].split()) or "output"
 
 
 def compression(parts: Parts) -> Array:
