@@ -148,6 +148,7 @@ def test_the_log_is_tensorboards(tmp_path):
     [
         ({"algorithm": "dqn"}, "algorithm = 'dqn'"),
         ({"compressor": "fourier"}, "compressor = 'fourier'"),
+        ({"compressor": "regularised"}, "Choose one of laguerre, armax, response"),
         ({"episodes": 8}, "episodes = 8"),
         ({"num_envs": 0}, "num_envs = 0"),
         ({"seed": -1}, "seed = -1"),
