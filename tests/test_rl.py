@@ -27,14 +27,6 @@ SHORT = {"Ts": 0.01, "N": 300}
 EPISODES = 544
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 def settings(algorithm="sac", episodes=EPISODES, **others):
     return Training(algorithm, episodes=episodes, **others)
 
