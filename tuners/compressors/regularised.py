@@ -71,6 +71,8 @@ def regularised(functions: Laguerre, coefficients: Array, smallest: float) -> Re
 
     Parameters
     ----------
+    functions : Laguerre
+        Whose coefficients these are.
     smallest : float
         Components that vary less than this part of the largest one are left out.
     """

@@ -48,7 +48,19 @@ class Acts:
 
 
 def acts(env: Any, contexts: ContextSet, seed: int, count: int, chunk: int) -> Iterator[Acts]:
-    """Episodes of an environment's vehicles or plants, about `chunk` at a time."""
+    """Episodes of an environment's vehicles or plants, some at a time.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        One of the four environments, bare or on features.
+    contexts : ContextSet
+        Which family of episodes.
+    seed : int
+        Of the data set whose first `count` rows they are.
+    chunk : int
+        Vehicles at a time; plants come in blocks of their own.
+    """
     base = env.unwrapped
     if isinstance(base, PlantEnv):
         yield from _of_plants(base, contexts, seed, count)

@@ -147,15 +147,15 @@ def _angle(graph: Graph, re: str, im: str) -> str:
 
 
 def _learner(graph: Graph, learner: Learner, X: str) -> str:
-    if isinstance(learner, Trend):
-        return _trend(graph, learner, X)
-    if isinstance(learner, Agent):
-        return _agent(graph, learner, X)
-    return (
-        _network(graph, learner, X)
-        if isinstance(learner, FeedForward)
-        else _trees(graph, learner, X)
-    )
+    match learner:
+        case FeedForward():
+            return _network(graph, learner, X)
+        case Trend():
+            return _trend(graph, learner, X)
+        case GBM():
+            return _trees(graph, learner, X)
+        case Agent():
+            return _agent(graph, learner, X)
 
 
 def _trend(graph: Graph, trend: Trend, X: str) -> str:

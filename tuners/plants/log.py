@@ -103,6 +103,15 @@ def read_log(path: Path, plant: Plant, options: PlantOptions | None = None) -> P
 
     Columns are called as the plant calls its signals and parameters, or u and y.
 
+    Parameters
+    ----------
+    path : Path
+        CSV, MATLAB, Parquet or MDF, told apart by their first bytes.
+    plant : Plant
+        That of the tuner, in whose units the recording is wanted.
+    options : PlantOptions, optional
+        What the log does not say.
+
     Raises
     ------
     LogError
