@@ -20,7 +20,7 @@ from yawrate_env.env import PITuningEnv
 from yawrate_env.vehicle import Context
 
 Array = NDArray[np.float64]
-Judge = Callable[[Array], Array]
+Rewards = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class Acts:
     truth: dict[str, Array]
     oracle: Array
     nominal: Array
-    rewards: Judge
+    rewards: Rewards
 
 
 def acts(env: Any, contexts: ContextSet, seed: int, count: int, chunk: int) -> Iterator[Acts]:
