@@ -13,6 +13,7 @@ import tuners
 from tuners import arguments, plants, rl
 from tuners.calibration import EPISODES, calibrate
 from tuners.cli.plant import accuracy
+from tuners.compressors import BY_NAME
 from tuners.plants.training import CALIBRATION
 from tuners.progress import Bars
 
@@ -39,7 +40,7 @@ def main() -> None:
         help="for a plant of your own instead of vehicles (docs/plants.md)",
     )  # fmt: skip
     only.add_argument("--algorithm", choices=rl.ALGORITHMS, default="sac")
-    only.add_argument("--compressor", choices=("laguerre", "armax"), default="laguerre")
+    only.add_argument("--compressor", choices=BY_NAME, default="laguerre")
     only.add_argument("--log", help="folder for TensorBoard")
     only.add_argument(
         "--checkpoint", type=Path,

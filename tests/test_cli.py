@@ -158,15 +158,11 @@ def test_the_signal_to_drive_is_the_experiments(tmp_path):
     np.testing.assert_allclose(u, prbs(2000, 0.001, 0.1, np.radians(1.0))[0], rtol=1e-8)
 
 
-def test_a_tuner_is_trained_for_a_vehicle(tmp_path):
-    (tmp_path / "car.toml").write_text(paper().replace("J_z = 2400.0", "J_z = 2600.0"))
-    code, out, err = call(
-        "train", "--vehicle", tmp_path / "car.toml", "-o", tmp_path / "car.tuner", "--episodes", 60
-    )
-    assert code == 0 and "training" in err
-    assert re.search(r"phase margin [\d.e-]+ deg rms \(bound [\d.]+\), crossover .* 0 of", out)
-    tuner = tuners.load(tmp_path / "car.tuner")
-    assert tuner.task.vehicle.J_z == 2600 and tuner.training["name"] == "ts-ff-lag-vx"
+@pytest.fixture
+def quick(monkeypatch):
+    """Less calibration and validation than `yawrate train` has."""
+    monkeypatch.setattr("tuners.cli.train.CALIBRATION", 300)
+    monkeypatch.setattr("tuners.cli.train.VALIDATION", 60)
 
 
 def short(path, J_z):
@@ -176,21 +172,31 @@ def short(path, J_z):
     return path
 
 
+def test_a_tuner_is_trained_for_a_vehicle(tmp_path, quick):
+    car = short(tmp_path / "car.toml", 2600.0)
+    made = ("--vehicle", car, "-o", tmp_path / "car.tuner", "--episodes", 60)
+    code, out, err = call("train", *made)
+    assert code == 0 and "training" in err
+    assert re.search(r"phase margin [\d.e-]+ deg rms \(bound [\d.]+\), crossover .* 0 of 60", out)
+    tuner = tuners.load(tmp_path / "car.tuner")
+    assert tuner.task.vehicle.J_z == 2600 and tuner.training["name"] == "ts-ff-lag-vx"
+
+
 @pytest.mark.parametrize("stage, name", [("response", "ts-ff-lag-vx"), ("laguerre", "custom")])
-def test_a_tuner_is_trained_from_a_data_set(stage, name, tmp_path, monkeypatch):
-    quick = Recipe(compressor(stage), FeedForwardSettings(neurons=3, epochs=5))
-    monkeypatch.setattr("tuners.cli.train.LEARNER", quick.learner)
+def test_a_tuner_is_trained_from_a_data_set(stage, name, tmp_path, quick, monkeypatch):
+    recipe = Recipe(compressor(stage), FeedForwardSettings(neurons=3, epochs=5))
+    monkeypatch.setattr("tuners.cli.train.LEARNER", recipe.learner)
     car, other = short(tmp_path / "car.toml", 2600.0), short(tmp_path / "other.toml", 2500.0)
     made = ("--vehicle", car, "--compressor", stage, "--workers", 1, "--raw", "--episodes", 200)
     assert call("dataset", "--out", tmp_path / "set", *made)[0] == 0
     train = ("train", "--data", tmp_path / "set", "-o", tmp_path / "car.tuner")
     code, out, err = call(*train)
     assert code == 0 and "verifying" in err and f"training {name}" in err and "calibrating" in err
-    assert re.search(r"phase margin [\d.e-]+ deg rms \(bound [\d.]+\), crossover .* of 300", out)
+    assert re.search(r"phase margin [\d.e-]+ deg rms \(bound [\d.]+\), crossover .* of 60", out)
     found = tuners.load(tmp_path / "car.tuner")
-    assert found.task.vehicle.J_z == 2600.0 and found.calibration.episodes == 3000
+    assert found.task.vehicle.J_z == 2600.0 and found.calibration.episodes == 300
     assert found.training["name"] == name and found.training["vehicles"] == 200
-    expected = data.train(quick, tmp_path / "set")
+    expected = data.train(recipe, tmp_path / "set")
     np.testing.assert_array_equal(found.stages.learner.W1, expected.stages.learner.W1)
     assert "task.vehicle.J_z is 2600.0 there and 2500.0 here" in refused(
         UNUSABLE, *train, "--vehicle", other

@@ -7,7 +7,6 @@ from functools import cache
 import gymnasium
 import numpy as np
 import pytest
-import torch
 from first_order import described, gauged, lone, plant
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
@@ -205,14 +204,6 @@ def test_a_wrong_reach_is_named(reach, words):
 EPISODES = 544  # SAC and TD3 start to learn after 512
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 def trained(
     of=plant, algorithm="sac", episodes=EPISODES, seed=0, num_envs=16, calibration=64, **others
 ):
@@ -319,12 +310,6 @@ def test_answers_come_with_trust_and_calibrated_intervals():
     # 90 % intervals from 64 episodes: 0.9 within 3.5 standard deviations of both samples.
     assert (held.mean(axis=0) > 0.75).all()
     missed = np.abs(lone.errors(seen.theta, gains)) / lone.figure("error")
-    print(
-        found.trusted.mean(),
-        missed[found.trusted].max(),
-        missed[~found.trusted].max(),
-        held.mean(axis=0),
-    )
     assert found.trusted.any()
     assert missed[found.trusted].max() < 1.5 < missed[~found.trusted].max()
 

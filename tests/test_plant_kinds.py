@@ -51,9 +51,9 @@ def warm():
 def various():
     """A tuner for a plant that is asked something else every time."""
     plant = described(simulate=simulate, excite=registers)
-    learner = FeedForwardSettings(neurons=8, epochs=200, max_fail=20)
+    learner = FeedForwardSettings(neurons=12, epochs=300, max_fail=20)
     recipe = Recipe(suited_to_any_input(plant, 24), learner, noise_draws=6)
-    return plants.train(plant, recipe, count=400, calibration=256)
+    return plants.train(plant, recipe, count=800, calibration=256)
 
 
 @pytest.fixture(scope="module")

@@ -27,14 +27,6 @@ SHORT = {"Ts": 0.01, "N": 300}
 EPISODES = 544
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 def settings(algorithm="sac", episodes=EPISODES, **others):
     return Training(algorithm, episodes=episodes, **others)
 
@@ -148,6 +140,7 @@ def test_the_log_is_tensorboards(tmp_path):
     [
         ({"algorithm": "dqn"}, "algorithm = 'dqn'"),
         ({"compressor": "fourier"}, "compressor = 'fourier'"),
+        ({"compressor": "regularised"}, "Choose one of laguerre, armax, response"),
         ({"episodes": 8}, "episodes = 8"),
         ({"num_envs": 0}, "num_envs = 0"),
         ({"seed": -1}, "seed = -1"),

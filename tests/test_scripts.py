@@ -35,9 +35,12 @@ def called(tmp_path, monkeypatch, capsys):
     def call(script, *arguments):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(sys, "argv", [f"{script}.py", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
+        status = 0
+        try:
             runpy.run_path(str(ROOT / "scripts" / f"{script}.py"), run_name="__main__")
-        return end.value.code, *capsys.readouterr()
+        except SystemExit as end:
+            status = end.code
+        return status, *capsys.readouterr()
 
     return call
 
@@ -74,26 +77,24 @@ def test_evaluate_writes_rows_and_prints_the_table(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["rows.csv"]
 
 
-def test_train_writes_a_tuner_that_evaluate_takes(tmp_path):
-    done = run("train", "ts-ff", "--episodes", 60, "--seed", 1, "--out", "my.tuner", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "my.tuner: ts-ff" in done.stdout
+def test_train_writes_a_tuner_that_evaluate_takes(tmp_path, called):
+    few = ("--episodes", 60, "--calibration", 200)
+    status, out, _ = called("train", "ts-ff", *few, "--seed", 1, "--out", "my.tuner")
+    assert status == 0 and "my.tuner: ts-ff" in out
     tuner = tuners.load(tmp_path / "my.tuner")
     assert tuner.training["name"] == "ts-ff" and tuner.training["seed"] == 1
-    done = run("evaluate", "--tuner", "my.tuner", "--episodes", 2, "--out", "r.csv", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    status, *_ = called("evaluate", "--tuner", "my.tuner", "--episodes", 2, "--out", "r.csv")
+    assert status == 0
     assert (tmp_path / "r.csv").read_text().splitlines()[1].startswith("my.tuner,0,")
 
 
-def test_train_writes_an_agent_for_a_plant(tmp_path):
-    out = tmp_path / "my.tuner"
-    done = run("train", "rl", "--plant", "first_order:lone", "--episodes", 64, "--algorithm", "ppo",
-               "--calibration", 50, "--out", out, cwd=ROOT / "tests")  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    said, accuracy = done.stdout.splitlines()
-    assert said.startswith(f"{out}: rl") and "relative error of kp" in accuracy
+def test_train_writes_an_agent_for_a_plant(tmp_path, called):
+    how = ("--episodes", 64, "--algorithm", "ppo", "--calibration", 50, "--out", "my.tuner")
+    status, out, _ = called("train", "rl", "--plant", "first_order:lone", *how)
+    said, accuracy = out.splitlines()
+    assert status == 0 and said.startswith("my.tuner: rl") and "relative error of kp" in accuracy
     assert "(bound" in accuracy and "without stable loop" in accuracy
-    found = tuners.plants.load(out, lone)
+    found = tuners.plants.load(tmp_path / "my.tuner", lone)
     assert found.training["algorithm"] == "ppo" and found.training["calibration"] == 50
 
 

@@ -52,6 +52,10 @@ class FeatureMap:
 
         Parameters
         ----------
+        plant : Plant
+            Whose episodes.
+        first_stage : FirstStage
+            What compresses them.
         beside : callable, optional
             Parameters (B, p) to further features (B, m); by default what is measured.
         decimate : int

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.compressors import COMPRESSORS, compressor, described
+from tuners.compressors import BY_NAME, compressor, described
 from tuners.feature_map import ActionMap, FeatureMap
 from tuners.learners.agent import Actor
 from tuners.recording import Recording
@@ -107,7 +107,7 @@ class Training:
 
     def __post_init__(self) -> None:
         validation.one_of("algorithm", self.algorithm, ALGORITHMS)
-        validation.one_of("compressor", self.compressor, tuple(COMPRESSORS))
+        validation.one_of("compressor", self.compressor, BY_NAME)
         validation.count("num_envs", self.num_envs, at_least=1)
         validation.count("episodes", self.episodes, at_least=self.num_envs)
         validation.count("seed", self.seed, at_least=0)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from tuners.compressors import FirstStage, compressor
 from tuners.plants.env import PlantEnv, PlantVectorEnv, recordings
 from tuners.plants.plant import Plant
-from tuners.plants.training import compressor_for
+from tuners.plants.training import compressor_named
 from tuners.recording import Recording
 from tuners.yaw_rate import yaw_rate
 from yawrate_env.env import PITuningEnv
@@ -54,7 +54,7 @@ class VehicleSight:
 
     def beside(self, theta: Array) -> Array:
         """What is visible of the context."""
-        return theta[:, [tuple(self.plant.prior).index(name) for name in self.visible]]
+        return theta[:, self.plant.places(self.visible)]
 
     def compressor(self, name: str, **settings: Any) -> FirstStage:
         """A first stage by name."""
@@ -77,13 +77,8 @@ class PlantSight:
         return self.plant.shown(theta)
 
     def compressor(self, name: str, **settings: Any) -> FirstStage:
-        """A first stage by name; ``laguerre`` is that of the plant's own recipe."""
-        if name != "laguerre":
-            return compressor(name, **settings)
-        suited = compressor_for(self.plant)
-        if not settings:
-            return suited
-        return compressor(name, **{"order": suited.order, "pole": suited.pole, **settings})
+        """A first stage by name, set to suit the plant."""
+        return compressor_named(self.plant, name, **settings)
 
 
 def sight(env: Any) -> Sight:

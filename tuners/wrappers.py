@@ -158,7 +158,15 @@ def features_vector_env(
 
 
 def plant_features_env(plant: str | Plant, compressor: str = "laguerre") -> gymnasium.Env[Any, Any]:
-    """Entry point of ``yawrate/PlantFeatures-v0``."""
+    """Entry point of ``yawrate/PlantFeatures-v0``.
+
+    Parameters
+    ----------
+    plant : str or Plant
+        As for `tuners.plants.env.PlantEnv`.
+    compressor : str
+        As for `Compressed`.
+    """
     return LoopAction(Compressed(PlantEnv(plant), compressor))
 
 

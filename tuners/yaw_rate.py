@@ -47,16 +47,12 @@ FIGURES = {
 }
 
 
-def _plain(target: Target) -> Coordinates:
-    return PLAIN
-
-
 IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
 """What pictures show."""
 
 COORDINATES: dict[str, Callable[[Target], Coordinates]] = {
     "loop": loop,
-    "gains": _plain,
+    "gains": lambda target: PLAIN,
 }
 
 _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches

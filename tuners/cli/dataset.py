@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tuners import vehicle_file
+from tuners import compressors, vehicle_file
 from tuners.cli.example import example
 from tuners.cli.files import READABLE
 from tuners.cli.numbers import COUNT
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from tuners.compressors import FirstStage
     from tuners.plants import Plant
 
-COMPRESSORS = ("laguerre", "armax", "response")
 SAMPLE = 100
 
 
@@ -37,7 +36,7 @@ SAMPLE = 100
 )
 @click.option(
     "--compressor",
-    type=click.Choice(COMPRESSORS),
+    type=click.Choice(compressors.BY_NAME),
     default="laguerre",
     show_default=True,
     help="What the features are; laguerre's pole is one that suits a plant, response is what "
@@ -103,11 +102,10 @@ def command(
 
 def _stage(plant: "Plant | None", name: str) -> "FirstStage":
     """A compressor by name, set for vehicles or to suit a plant."""
-    from tuners.compressors import compressor
-    from tuners.plants.training import compressor_for
+    from tuners.plants.training import compressor_named
 
-    if plant is not None and name == "response":
+    if plant is None:
+        return compressors.compressor(name)
+    if name == "response":
         raise click.UsageError("The frequencies of --compressor response are a vehicle's.")
-    if plant is not None and name == "laguerre":
-        return compressor_for(plant)
-    return compressor(name)
+    return compressor_named(plant, name)

@@ -10,8 +10,7 @@ from tuners.cli.example import example
 from tuners.cli.files import READABLE, Output, keep
 from tuners.cli.numbers import NUMBER, POSITIVE
 from tuners.cli.tuner_option import loaded
-
-TARGETS = ("c", "matlab", "json", "onnx")
+from tuners.export import TARGETS, Gains, export
 
 
 @click.command(epilog=example("yawrate export --kp 0.42 --Ti 0.31 --target c --out yaw_pi"))
@@ -68,8 +67,6 @@ def command(
 
     A controller in C or MATLAB is a PI: of other gains there is JSON.
     """
-    from tuners.export import Gains, export
-
     given = (kp, ti) != (None, None), result is not None, tuner is not None
     if tuner is None and target == "onnx":
         raise click.UsageError("Target onnx is for a tuner: give --tuner.")

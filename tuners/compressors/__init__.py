@@ -23,6 +23,9 @@ COMPRESSORS: dict[str, type[FirstStage]] = {
     "response": FrequencyResponse,
 }
 
+BY_NAME = "laguerre", "armax", "response"
+"""Those that need no settings: what commands and agents choose from."""
+
 
 class Compressor(Protocol):
     """First stage: episodes to a few features each."""

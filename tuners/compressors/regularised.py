@@ -102,6 +102,8 @@ def regularised(functions: Laguerre, gram: Array, right: Array, variance: Array)
 
     Parameters
     ----------
+    functions : Laguerre
+        Whose coefficients are meant.
     gram, right : (B, order, order), (B, order) float64
         Normal equations of noise-free recordings.
     variance : (B,) float64

@@ -20,7 +20,7 @@ from yawrate_env.env import PITuningEnv
 from yawrate_env.vehicle import Context
 
 Array = NDArray[np.float64]
-Judge = Callable[[Array], Array]
+Rewards = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,11 +44,23 @@ class Acts:
     truth: dict[str, Array]
     oracle: Array
     nominal: Array
-    rewards: Judge
+    rewards: Rewards
 
 
 def acts(env: Any, contexts: ContextSet, seed: int, count: int, chunk: int) -> Iterator[Acts]:
-    """Episodes of an environment's vehicles or plants, about `chunk` at a time."""
+    """Episodes of an environment's vehicles or plants, some at a time.
+
+    Parameters
+    ----------
+    env : gymnasium.Env
+        One of the four environments, bare or on features.
+    contexts : ContextSet
+        Which family of episodes.
+    seed : int
+        Of the data set whose first `count` rows they are.
+    chunk : int
+        Vehicles at a time; plants come in blocks of their own.
+    """
     base = env.unwrapped
     if isinstance(base, PlantEnv):
         yield from _of_plants(base, contexts, seed, count)

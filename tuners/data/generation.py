@@ -69,7 +69,7 @@ def generate(
         Whose episodes.  Workers and readers find a plant again by its `entry`.
     contexts : ContextSet or str
         Which family of them, of `yawrate_env.contexts.CONTEXT_SETS`, or its name.
-    compressor : Armax, Laguerre or FrequencyResponse
+    compressor : Armax, Laguerre, Regularised or FrequencyResponse
         What makes features of recordings.
     episodes : int
         How many; a folder that holds fewer grows, one that holds more is refused.

@@ -68,6 +68,10 @@ def export_minari(
         Minari's name of it, such as ``"yawrate/mixture-v0"``.
     episodes : int
         At most 100 000: Minari keeps a group of arrays an episode.
+    seed : int
+        Of the episodes, as in `generate`, and of random actions.
+    contexts : ContextSet
+        Which family of episodes; ``extrapolation`` is of vehicles only.
     plant : Plant or str, optional
         One with an entry, or ``"module:attribute"``, instead of vehicles.
     raw : bool
@@ -77,7 +81,9 @@ def export_minari(
     behaviours : sequence of str
         Who acts in turn, of `BEHAVIOURS`.
     env_kwargs : dict, optional
-        Arguments of the environment.
+        Further arguments of the environment.
+    progress : callable, optional
+        Called with what is being done, how many episodes are done, and of how many.
 
     Raises
     ------

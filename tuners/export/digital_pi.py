@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.plants.names import split
 from yawrate_env import controller, validation
 
 Array = NDArray[np.float64]
@@ -124,5 +125,5 @@ class DigitalPI:
 
 def unit(signal: str) -> str:
     """What a signal's name has in brackets."""
-    _, _, bracket = signal.strip().partition(" [")
-    return bracket.removesuffix("]") or f"unit of {signal.strip()}"
+    name, bracket = split(signal.strip())
+    return bracket or f"unit of {name}"

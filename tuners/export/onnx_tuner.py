@@ -35,6 +35,7 @@ from tuners.learners.feedforward import FeedForward
 from tuners.learners.gbm import GBM
 from tuners.learners.trend import Trend
 from tuners.plants.coordinates import LOG
+from tuners.plants.names import split
 from tuners.plants.plant import Plant
 from yawrate_env import controller
 from yawrate_env.design import LEAST_LAG, Status
@@ -79,7 +80,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
 
 def plain_name(signal: str) -> str:
     """A signal's name without its unit, in one word."""
-    return "_".join(signal.partition(" [")[0].split()) or "output"
+    return "_".join(split(signal)[0].split()) or "output"
 
 
 def _first_stage(graph: Graph, output: str, parts: Parts) -> str:
@@ -153,15 +154,15 @@ def _angle(graph: Graph, re: str, im: str) -> str:
 
 
 def _learner(graph: Graph, learner: Learner, X: str) -> str:
-    if isinstance(learner, Trend):
-        return _trend(graph, learner, X)
-    if isinstance(learner, Agent):
-        return _agent(graph, learner, X)
-    return (
-        _network(graph, learner, X)
-        if isinstance(learner, FeedForward)
-        else _trees(graph, learner, X)
-    )
+    match learner:
+        case FeedForward():
+            return _network(graph, learner, X)
+        case Trend():
+            return _trend(graph, learner, X)
+        case GBM():
+            return _trees(graph, learner, X)
+        case Agent():
+            return _agent(graph, learner, X)
 
 
 def _trend(graph: Graph, trend: Trend, X: str) -> str:

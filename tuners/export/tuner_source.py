@@ -280,12 +280,11 @@ def _golden(parts: Parts, first: str) -> dict[str, str]:
     whole, _ = parts.compressor(*test(), plant.Ts)
     theta = np.concatenate([theta, theta[:1]])
     gains, status = parts.answer(np.concatenate([features, whole]), theta)
-    beside = [list(plant.prior).index(name) for name in plant.shown_names]
     return {
         "rows": str(_PLANTS), "tolerance": f"{_TOLERANCE:g}", "features": literals.table(features),
         "wanted": literals.table(gains), "status": ", ".join(map(str, status)),
         "record": test.source(first),
-        **_golden_measured(theta[:, beside]),
+        **_golden_measured(theta[:, plant.places(plant.shown_names)]),
     }  # fmt: skip
 
 

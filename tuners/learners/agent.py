@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 LIMIT = 10.0
 """Standardised features are clipped here, so that the observation space is finite."""
 
+_PAIR = "weight", "bias"
+_AROUND = "mean", "scale", "low", "high"
+
 
 def standardised(values: Array, mean: Array, scale: Array) -> NDArray[np.float32]:
     """Features (B, n) as an agent sees them."""
@@ -67,9 +70,6 @@ class Actor:
         return cls(layers, hidden, squashed)
 
 
-_PAIR = ("weight", "bias")
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Agent:
     """An actor, and what it was trained around.
@@ -110,6 +110,3 @@ class Agent:
         hidden = "tanh" if arrays["tanh"].item() else "relu"
         actor = Actor.of(arrays, hidden, bool(arrays["squashed"].item()))
         return cls(actor, *(arrays[name] for name in _AROUND))
-
-
-_AROUND = ("mean", "scale", "low", "high")

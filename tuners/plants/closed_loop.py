@@ -51,7 +51,7 @@ class Response:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenLoop:
-    """The open loop's frequency response, negative feedback not counted in.
+    """The open loop's frequency response, without the minus sign of the feedback.
 
     Attributes
     ----------
@@ -59,8 +59,8 @@ class OpenLoop:
         (F,) [Hz].
     response : NDArray
         (F,) complex128.
-    margins : Margins
-        A batch of one; read off the response, between its frequencies, if not given.
+    margins : Margins, optional
+        A batch of one; read off the response if not given.
     """
 
     frequency: Array
@@ -82,7 +82,7 @@ class OpenLoop:
 
     @property
     def marked(self) -> Margins:
-        """The margins."""
+        """The margins that are given, or else read off."""
         return self.margins or _read_off(self.frequency, self.response)
 
     @property
@@ -109,7 +109,7 @@ class ClosedLoop:
     open : OpenLoop, optional
         Where responses add up.
     stable : bool
-        Whether the loop is known to be unstable, or else taken to be stable.
+        False where it is known not to be.
     """
 
     responses: tuple[Response, ...] = ()
@@ -130,6 +130,7 @@ def _rising(name: str, values: ArrayLike) -> Array:
 
 
 def _read_off(frequency: Array, response: NDArray[np.complex128]) -> Margins:
+    """Margins between the frequencies, by python-control."""
     from control import stability_margins
 
     phase, omega = np.degrees(np.unwrap(np.angle(response))), 2 * np.pi * frequency

@@ -42,7 +42,7 @@ def plain(name: str) -> str:
     return re.sub(r"\[.*?\]|\(.*\)", "", name).strip().lower().replace(" ", "_")
 
 
-def called(name: str, table: Table) -> str | None:
+def column_of(name: str, table: Table) -> str | None:
     """The column of this name, or else of this name and a unit."""
     exact = (column for column in table.names if plain(column) == plain(name))
     longer = (column for column in table.names if _suffix(column, name))

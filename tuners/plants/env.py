@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tuners.learners.agent import stretched
 from tuners.plants.data import Draw, designed, words_of
 from tuners.plants.entry import find
+from tuners.plants.names import ORACLE
 from tuners.plants.plant import Plant
 from tuners.plants.reach import corners, reach
 from yawrate_env import interaction, validation
@@ -130,8 +131,8 @@ def begun(
 ) -> tuple[Array, Observation]:
     """Parameters (B, p) and observations (B, 2 + m, N) of recorded experiments."""
     draw = Draw.of(plant, words)
-    for name, values in fixed.items():
-        draw.theta[:, tuple(plant.prior).index(name)] = values
+    for i, values in zip(plant.places(fixed), fixed.values(), strict=True):
+        draw.theta[:, i] = values
     y = plant.measure(draw.theta, draw.u, draw.keys, rng)
     return draw.theta, observation(plant, draw.u, y, draw.theta)
 
@@ -147,7 +148,7 @@ def outcome(
         "clipped": (gains != actions).any(axis=1),
         "stable": ~np.isnan(figures).any(axis=1),
         **dict(zip(plant.figures, figures.T, strict=True)),
-        **{f"oracle_{name}": values for name, values in zip(plant.gains, oracle.T, strict=True)},
+        **{ORACLE + name: values for name, values in zip(plant.gains, oracle.T, strict=True)},
         **dict(zip(plant.prior, theta.T, strict=True)),
     }
     return plant.earned(figures - plant.wanted(theta)), info
@@ -161,11 +162,9 @@ def observation_space(plant: Plant) -> Box:
 
 def observation(plant: Plant, u: Array, y: Array, theta: Array) -> Observation:
     """(B, 2 + m, N) of recordings (1 or B, N), (B, N) and parameters (B, p)."""
-    names = tuple(plant.prior)
-    beside = [theta[:, names.index(name)] for name in plant.shown_names]
-    rows = [np.broadcast_to(u, y.shape), y]
-    rows += [np.broadcast_to(value[:, None], y.shape) for value in beside]
-    return np.stack(rows, axis=1).astype(np.float32)
+    beside = theta[:, plant.places(plant.shown_names)].T
+    rows = [u, y, *(values[:, None] for values in beside)]
+    return np.stack([np.broadcast_to(row, y.shape) for row in rows], axis=1).astype(np.float32)
 
 
 def recordings(plant: Plant, obs: ArrayLike) -> tuple[Array, Array, Array, bool]:
@@ -182,8 +181,7 @@ def recordings(plant: Plant, obs: ArrayLike) -> tuple[Array, Array, Array, bool]
             "yawrate/Plant-v0 gives them for this plant."
         )
     theta = np.tile(plant.middle, (len(batch), 1))
-    for row, name in enumerate(names, start=2):
-        theta[:, tuple(plant.prior).index(name)] = batch[:, row, 0]
+    theta[:, plant.places(names)] = batch[:, 2:, 0]
     u = batch[:, 0]
     return u[:1] if (u == u[:1]).all() else u, batch[:, 1], theta, array.ndim == 2
 

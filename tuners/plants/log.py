@@ -18,7 +18,7 @@ from tuners.logs.log import best_excited, between
 from tuners.logs.sampling import Plan, sampled
 from tuners.logs.table import LogError, SelectionError, Table
 from tuners.logs.time_base import Pace, TimeBase
-from tuners.plants.columns import Wanted, called, plain, quantity
+from tuners.plants.columns import Wanted, column_of, plain, quantity
 from tuners.plants.names import split
 from tuners.plants.plant import Plant
 from tuners.plants.tuner import slowest
@@ -103,6 +103,15 @@ def read_log(path: Path, plant: Plant, options: PlantOptions | None = None) -> P
 
     Columns are called as the plant calls its signals and parameters, or u and y.
 
+    Parameters
+    ----------
+    path : Path
+        CSV, MATLAB, Parquet or MDF, told apart by their first bytes.
+    plant : Plant
+        That of the tuner, in whose units the recording is wanted.
+    options : PlantOptions, optional
+        What the log does not say.
+
     Raises
     ------
     LogError
@@ -163,7 +172,7 @@ def _found(
     if found["input"].name == found["output"].name:
         raise SelectionError(f"Input and output are both column {found['input'].name}.")
     for parameter in plant.measured:
-        meant = given[parameter] if parameter in given else called(parameter, table)
+        meant = given[parameter] if parameter in given else column_of(parameter, table)
         if isinstance(meant, str):
             column = named(meant, parameter, table.names)
             found[parameter], words = quantity(table, column, Wanted(parameter))
@@ -176,7 +185,7 @@ def _column(table: Table, role: str, names: tuple[str, str], choice: Choice) -> 
     chosen = choice.columns.get(role)
     if chosen is not None:
         return named(chosen, role, table.names)
-    found = next((column for column in (called(n, table) for n in names) if column), None)
+    found = next((column for column in (column_of(n, table) for n in names) if column), None)
     if found is None:
         words = " or ".join(dict.fromkeys(split(name)[0] for name in names))
         raise LogError(

@@ -56,7 +56,16 @@ class PILoop:
         target: Target,
         signals: tuple[str, str] = ("", ""),
     ) -> Self:
-        """Loop of a continuous python-control model ``model(theta)``, one plant at a time."""
+        """Loop of a continuous python-control model.
+
+        Parameters
+        ----------
+        model : callable
+            ``model(theta)``: parameters (p,) of one plant to a transfer function or state space
+            with one input, one output and no feedthrough.
+        Ts, target, signals
+            As of the loop.
+        """
         return cls(_Modelled(model), Ts, target, signals)
 
     def simulate(self, theta: Array, u: Array, rng: Any) -> Array:

@@ -4,7 +4,7 @@ Everything is batched, ``(B, ...)``; functions that take one plant at a time are
 loop.  `docs/plants.md` says what each function must do.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -194,10 +194,13 @@ class Plant:
         """The measured parameters that the prior leaves open."""
         return tuple(name for name in self.prior if name in self.measured and self._open(name))
 
+    def places(self, names: Iterable[str]) -> list[int]:
+        """Where parameters of these names stand among the p."""
+        return [list(self.prior).index(name) for name in names]
+
     def shown(self, theta: Array) -> Array:
         """These (B, m), in logarithms where positive: features beside the recording's own."""
-        names = list(self.prior)
-        columns = [theta[:, names.index(name)] for name in self.shown_names]
+        columns = [theta[:, i] for i in self.places(self.shown_names)]
         columns = [
             np.log(values) if self.prior[name][0] > 0 else values
             for name, values in zip(self.shown_names, columns, strict=True)
@@ -217,7 +220,8 @@ class Plant:
 
     def possible(self, name: str, value: Any) -> float:
         """A parameter's value, or ``ValueError`` where the simulator was not made for it."""
-        low, high = (float(end[list(self.prior).index(name)]) for end in self.limits)
+        (i,) = self.places((name,))
+        low, high = (float(end[i]) for end in self.limits)
         return validation.number(name, value, at_least=low, at_most=high, remedy="Describe a "
                                  "plant with a wider prior, or search_limits.")  # fmt: skip
 

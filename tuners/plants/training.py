@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.compressors import FirstStage, compressor
 from tuners.compressors.laguerre import Laguerre
 from tuners.compressors.regularised import Regularised
 from tuners.learners.feedforward import FeedForwardSettings
@@ -45,6 +46,16 @@ def compressor_for(plant: Plant) -> Laguerre | Regularised:
     if plant.excite is None:
         return suited(plant, min(ORDER, most))
     return suited_to_any_input(plant, min(MORE, most))
+
+
+def compressor_named(plant: Plant, name: str, **settings: Any) -> FirstStage:
+    """A first stage by name; ``laguerre`` is `compressor_for` the plant, but for `settings`."""
+    if name != "laguerre":
+        return compressor(name, **settings)
+    suited = compressor_for(plant)
+    if not settings:
+        return suited
+    return compressor(name, **{"order": suited.order, "pole": suited.pole, **settings})
 
 
 def fit(

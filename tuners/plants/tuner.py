@@ -225,12 +225,12 @@ class PlantTuner:
 
     def _beside(self, measured: Mapping[str, float]) -> Array:
         """Parameters (1, p) with the measured ones in their places."""
-        theta, names = self._middle(1), tuple(self.plant.prior)
+        theta = self._middle(1)
         for name, value in measured.items():
             if not self.plant.measured:
                 raise ValueError(f"measured {name!r}: nothing is measured beside this plant.")
             validation.one_of("measured parameter", name, tuple(self.plant.measured))
-            theta[0, names.index(name)] = self.plant.possible(name, value)
+            theta[0, self.plant.places((name,))] = self.plant.possible(name, value)
         for name in self.plant.measured:
             low, high = self.plant.prior[name]
             if name not in measured and low < high:

@@ -16,6 +16,11 @@ def pictured(loop: ClosedLoop | None, output: str) -> dict[str, Any]:
     """What the figures of a page show of it, by name.
 
     Without a frequency response beside them, responses are drawn for wide and narrow pages.
+
+    Parameters
+    ----------
+    output : str
+        Label of the responses that have none of their own.
     """
     if loop is None:
         return {}
