@@ -89,6 +89,26 @@ def test_nothing_is_read_from_silence():
     assert STAGE(U[:2], y, TS)[1].tolist() == [True, False]
 
 
+@pytest.mark.parametrize("stage", [STAGE, FUNCTIONS], ids=["regularised", "laguerre"])
+def test_an_input_that_moves_at_the_last_sample_only_comes_too_late(stage):
+    u = np.zeros((1, 500))
+    u[0, -1] = 1.0
+    assert not stage(u, RNG.standard_normal((1, 500)), TS)[1].any()
+    u[0, -2] = 1.0
+    assert stage(u, RNG.standard_normal((1, 500)), TS)[1].all()
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_what_overflows_is_not_usable():
+    assert not STAGE(U[:1], np.full((1, 500), 1e200), TS)[1].any()
+
+
+@pytest.mark.parametrize("coefficients", [np.zeros((5, 12)), np.full((5, 12), np.inf)])
+def test_inputs_that_tell_nothing_are_refused(coefficients):
+    with pytest.raises(ValueError, match="nothing can be learned from such inputs. Give some"):
+        regularised(FUNCTIONS, coefficients, 1e-3)
+
+
 def test_it_goes_through_a_file():
     written = json.loads(json.dumps(compressors.described(STAGE)))
     assert written["name"] == "regularised"
@@ -98,7 +118,20 @@ def test_it_goes_through_a_file():
 
 def test_bad_settings_are_refused():
     settings = asdict(STAGE)
-    with pytest.raises(ValueError, match="12 coefficients each"):
-        Regularised(**settings | {"mean": (1.0,)})
+    row = settings["directions"][0]
+    for changes, words in (
+        ({"order": 0}, "order = 0"),
+        ({"order": 2.5}, "order = 2.5"),
+        ({"pole": -1.0}, "pole = -1"),
+        ({"pole": "fast"}, "pole = 'fast'"),
+        ({"mean": (1.0,)}, "mean has shape"),
+        ({"mean": 3}, "mean has shape"),
+        ({"mean": (np.nan, *MEAN[1:])}, "mean has nan"),
+        ({"directions": (row[:-1],)}, "directions has shape"),
+        ({"directions": ()}, "directions has shape"),
+        ({"directions": (row, row)}, "2 directions must be .* none follows from the others"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            Regularised(**settings | changes)
     with pytest.raises(ValueError, match="20 samples are too few for 12"):
         STAGE(U[:, :20], U[:, :20], TS)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.compressors import COMPRESSORS, compressor, described
+from tuners.compressors import compressor, described
 from tuners.feature_map import ActionMap, FeatureMap
 from tuners.learners.agent import Actor
 from tuners.recording import Recording
@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 ALGORITHMS = ("sac", "ppo", "td3")
+FIRST_STAGES = ("laguerre", "armax", "response")
+"""Those that a name is enough for."""
 
 
 class RLTuner(Tuner):
@@ -107,7 +109,7 @@ class Training:
 
     def __post_init__(self) -> None:
         validation.one_of("algorithm", self.algorithm, ALGORITHMS)
-        validation.one_of("compressor", self.compressor, tuple(COMPRESSORS))
+        validation.one_of("compressor", self.compressor, FIRST_STAGES)
         validation.count("num_envs", self.num_envs, at_least=1)
         validation.count("episodes", self.episodes, at_least=self.num_envs)
         validation.count("seed", self.seed, at_least=0)

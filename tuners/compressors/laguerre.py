@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yawrate_env import validation
 from yawrate_env.compiled import LANES, kernel, over_blocks
 
 Array = NDArray[np.float64]
@@ -49,6 +50,11 @@ class Laguerre:
     order: int = 10
     pole: float = 12.0
 
+    def __post_init__(self) -> None:
+        order = validation.count("order", self.order, remedy="Use some functions.")
+        object.__setattr__(self, "order", order)
+        validation.number("pole", self.pole, above=0.0, remedy="Give it in rad/s.")
+
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, order) of episodes sampled at `Ts` [s], and which are usable (B,)."""
         if y.shape[1] < 10 * self.order:
@@ -57,7 +63,7 @@ class Laguerre:
                 f"at least {10 * self.order} are needed. Record for longer."
             )
         values = self.coefficients(u, y, Ts, np.empty((0, y.shape[1])))
-        return values, np.asarray(np.isfinite(values).all(axis=1) & u.any(axis=1))
+        return values, np.asarray(np.isfinite(values).all(axis=1) & moved(u))
 
     def coefficients(self, u: Array, y: Array, Ts: float, extra: Array) -> Array:
         """Least-squares coefficients on the functions, then on `extra` signals.
@@ -134,6 +140,11 @@ def _right_sides(phi: Array, y: Array) -> Array:
 
     over_blocks(some, len(y), _EPISODES)
     return values
+
+
+def moved(u: Array) -> NDArray[np.bool_]:
+    """Which inputs (B, N) move anything that is recorded: their last sample comes too late."""
+    return np.asarray(u[:, :-1].any(axis=1))
 
 
 def lifted(gram: Array) -> Array:

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.compressors.laguerre import Laguerre, lifted
+from tuners.compressors.laguerre import Laguerre, lifted, moved
+from yawrate_env import validation
 
 Array = NDArray[np.float64]
 
@@ -42,11 +43,18 @@ class Regularised:
     directions: tuple[tuple[float, ...], ...]
 
     def __post_init__(self) -> None:
+        order = Laguerre(self.order, self.pole).order
+        mean = validation.finite_array("mean", self.mean, shape=(order,))
+        directions = validation.finite_array("directions", self.directions, shape=(None, order))
+        if not len(directions) or np.linalg.matrix_rank(directions) < len(directions):
+            raise ValueError(
+                f"the {len(directions)} directions must be one or more of which none follows from "
+                "the others. Leave out those that do."
+            )
         # What is read from JSON has lists.
-        object.__setattr__(self, "mean", tuple(self.mean))
-        object.__setattr__(self, "directions", tuple(map(tuple, self.directions)))
-        if {len(row) for row in (self.mean, *self.directions)} != {self.order}:
-            raise ValueError(f"mean and directions must have {self.order} coefficients each.")
+        object.__setattr__(self, "order", order)
+        object.__setattr__(self, "mean", tuple(mean.tolist()))
+        object.__setattr__(self, "directions", tuple(map(tuple, directions.tolist())))
 
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, r) of episodes sampled at `Ts` [s], and which are usable (B,)."""
@@ -63,7 +71,8 @@ class Regularised:
         variance = np.maximum(left, 0.0) / (N - n)
         information = W.T @ G @ W + variance[:, None, None] * np.eye(W.shape[1])
         z = _solve(information, np.einsum("bn,nr->br", b - G @ m, W))
-        return z, np.asarray(np.isfinite(z).all(axis=1) & u.any(axis=1))
+        found = np.isfinite(z).all(axis=1) & np.isfinite(variance)
+        return z, np.asarray(found & moved(u))
 
 
 def regularised(functions: Laguerre, coefficients: Array, smallest: float) -> Regularised:
@@ -75,6 +84,13 @@ def regularised(functions: Laguerre, coefficients: Array, smallest: float) -> Re
         Components that vary less than this part of the largest one are left out.
     """
     mean = coefficients.mean(axis=0)
+    with np.errstate(invalid="ignore"):
+        varied = np.ptp(coefficients, axis=0)
+    if not (np.isfinite(varied).all() and varied.any()):
+        raise ValueError(
+            "the simulated plants' Laguerre coefficients are all the same, or no finite numbers: "
+            "nothing can be learned from such inputs. Give some of ordinary size that excite."
+        )
     _, spread, components = np.linalg.svd(coefficients - mean, full_matrices=False)
     kept = np.flatnonzero(spread > smallest * spread[0])
     spread, components = spread[kept] / np.sqrt(len(coefficients) - 1), components[kept]
