@@ -327,6 +327,9 @@ def _rebuilt(
     factors = validation.finite_array(
         "calibration", settings["calibration"], shape=(len(found.figures),)
     )
+    if (factors < 0).any():
+        raise ValueError(f"calibration has {factors.min():g}, which is no width.")
+    validation.instance("training", settings["training"], dict, remedy="")
     tuner = PlantTuner(
         found,
         Stages.from_file(settings, learned),
