@@ -50,7 +50,9 @@ class Gains:
 
     def __post_init__(self) -> None:
         if not isinstance(self.values, Mapping) or not self.values:
-            raise ValueError(f'gains = {self.values!r} must be names with values, as in {{"K": 1}}.')
+            raise ValueError(
+                f'gains = {self.values!r} must be names with values, as in {{"K": 1}}.'
+            )
         for name, value in self.values.items():
             if not (isinstance(value, float) and not np.isfinite(value)):
                 validation.number(name, value, remedy="Give nan for none.")
