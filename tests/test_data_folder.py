@@ -106,6 +106,44 @@ def test_a_configuration_that_is_not_understood(folder):
         Folder(folder.path)
 
 
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"episodes": 10**15}, "lacks [0-9]+ of its shards|has no such shard"),
+        ({"episodes": "120"}, "episodes = '120' is not a number. Read"),
+        ({"shard_size": 0}, "shard_size = 0 must be finite, at least 1. Read"),
+        ({"raw": "no"}, "raw = 'no' must be True or False. Read"),
+    ],
+)
+def test_configurations_that_cannot_be_are_refused_at_once(folder, change, words):
+    strange = folder.manifest.configuration | change
+    Manifest(strange, folder.manifest.shards).write(folder.path)
+    with pytest.raises(DatasetError, match=words):
+        Folder(folder.path)
+    with pytest.raises(DatasetError, match=f"another data set: .*{next(iter(change))}"):
+        made(folder.path, 60 if "episodes" in change else 120)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [9999 * "[", '{"format": 1, "configuration": [1], "configuration_sha256": "", "shards": []}'],
+)
+def test_manifests_that_hold_something_else_are_damaged(folder, content):
+    (folder.path / "_manifest.json").write_text(content)
+    for use in (Folder, lambda where: made(where, 160)):
+        with pytest.raises(DatasetError, match="_manifest.json is damaged"):
+            use(folder.path)
+
+
+def test_a_folder_in_the_place_of_a_shard_is_damage(folder):
+    path = folder.path / folder.manifest.shards[1].file
+    path.unlink()
+    path.mkdir()
+    for use in (verify, lambda where: made(where, 120)):
+        with pytest.raises(DatasetError, match=f"{path.name} is damaged: it is a folder. Delete"):
+            use(folder.path)
+
+
 def test_pages_are_checked_as_they_are_read(folder):
     path = folder.path / folder.manifest.shards[0].file
     content = bytearray(path.read_bytes())

@@ -28,7 +28,7 @@ def root(tmp_path, monkeypatch):
 
 
 def loaded(episodes=40, **kwargs):
-    export_minari("yawrate/mixture-v0", episodes, 3, env_kwargs=SHORT, **kwargs)
+    export_minari("yawrate/mixture-v0", episodes, 3, **({"env_kwargs": SHORT} | kwargs))
     return minari.load_dataset("yawrate/mixture-v0")
 
 
@@ -194,11 +194,23 @@ def test_a_failure_leaves_nothing(root):
     [
         ({"episodes": 100_001}, "episodes = 100001 must be .*at most 100000.*generate"),
         ({"episodes": 0}, "episodes = 0"),
-        ({"behaviours": ()}, "number of behaviours = 0"),
+        ({"behaviours": ()}, r"behaviours = \(\) must be some of"),
+        ({"behaviours": "uniform"}, "behaviours = 'uniform' must be some of"),
+        ({"contexts": "train"}, "contexts = 'train' is not of type ContextSet"),
+        ({"raw": "no"}, "raw = 'no' must be True or False"),
+        ({"env_kwargs": [1]}, "env_kwargs = .* is not of type dict"),
+        ({"plant": described(noise=0.5)}, "not the first_order:plant .*: its noise differs"),
         ({"behaviours": ("expert",)}, "behaviour = 'expert'"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments, message, root):
     with pytest.raises(ValueError, match=message):
         loaded(**arguments)
+    assert list(root.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["mixture", "../mixture-v0", "two words-v0", "", None])
+def test_names_that_minari_could_not_list_are_refused(name, root):
+    with pytest.raises(ValueError, match="dataset_id = .* is no name of Minari's. Give"):
+        export_minari(name, 4)
     assert list(root.iterdir()) == []

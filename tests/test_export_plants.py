@@ -250,7 +250,7 @@ def test_a_header_says_what_memory_it_takes(tmp_path):
 
 
 def test_what_is_called_strangely_stays_in_its_comment(tmp_path):
-    plant = described(signals=("a */ int x;\n#error", 'b "/* [l]'))
+    plant = described(signals=("a */ int x;\n#error", 'b "/* \u202e\x00\ud800 [l]'))
     recipe = Recipe(LAGUERRE, SMALL)
     export(plants.train(plant, recipe, count=60, calibration=0), "c", tmp_path)
     assert passes(tmp_path, "yawrate_laguerre", "yawrate_tuner")
@@ -397,7 +397,49 @@ def test_a_vehicles_answer_is_exported_with_its_own_sampling_time(tmp_path):
     assert [content[n] for n in ("kp", "Ti", "Ts")] == [answer["kp"], answer["Ti"], 0.01]
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"trusted": true}', "kp = 1",
+ANSWER = {
+    "trusted": True,
+    "gains": {"kp": 1.0, "Ti": None},
+    "plant": {"target": None, "Ts": 0.01, "signals": ["valve [%]", "flow [l/s]"]},
+}
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"trusted": "no"}, "trusted = 'no' must be True or False"),
+        ({"gains": {}}, "gains = {} must be names with values"),
+        ({"gains": {"kp": "1"}}, "kp = '1' is not a number"),
+        ({"gains": {"kp": 10**400}}, "kp = inf must be finite"),
+        ({"plant": ANSWER["plant"] | {"Ts": -1.0}}, "Ts = -1 must be finite, above 0"),
+        ({"plant": ANSWER["plant"] | {"Ts": float("nan")}}, "Ts = nan must be finite"),
+        ({"plant": ANSWER["plant"] | {"signals": [1, 2]}}, "signals' input = 1 must be a text"),
+    ],
+)
+def test_damaged_answers_are_refused_whatever_the_target(changes, words, tmp_path):
+    path = tmp_path / "answer.json"
+    path.write_text(json.dumps(ANSWER))
+    assert np.isnan(Gains.read(path).values["Ti"])
+    path.write_text(json.dumps(ANSWER | changes))
+    with pytest.raises(ValueError, match=f"is no answer of .*{words}"):
+        Gains.read(path)
+
+
+@pytest.mark.parametrize("Ts", [-1.0, np.nan, "fast"])
+def test_a_sampling_time_that_is_none_is_refused_whatever_the_target(Ts, tmp_path):
+    with pytest.raises(ValueError, match="Ts = .* in seconds"):
+        export(Gains({"K": 1.0}, limits=None), "json", tmp_path / "x.json", Ts=Ts)
+    assert not list(tmp_path.iterdir())
+
+
+def test_nothing_is_written_where_a_folder_is_in_the_way(tmp_path):
+    (tmp_path / "yawrate_pi_test.c").mkdir()
+    with pytest.raises(ValueError, match="yawrate_pi_test.c is no regular file"):
+        export((0.4, 0.3), "c", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["yawrate_pi_test.c"]
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", 9999 * "[", '{"trusted": true}', "kp = 1",
                                   '{"trusted": true, "gains": {"kp": 1}}',
                                   '{"trusted": true, "gains": [1], "plant": {}}'])  # fmt: skip
 def test_other_files_are_no_answers(text, tmp_path):

@@ -3,6 +3,7 @@
 import warnings
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -346,9 +347,26 @@ def test_a_resumed_training_goes_on_where_it_was(tmp_path):
     assert_same(found, again)  # as it was left
 
 
+def test_checkpoints_of_another_plant_are_refused(tmp_path):
+    checkpoint = tmp_path / "agent.zip"
+    trained(episodes=32, checkpoint=checkpoint, calibration=0)
+    for changes, words in (
+        ({"noise": 0.05}, "another plant: its noise"),
+        ({"prior": {"K": (0.5, 2.1), "T": (0.2, 1.0)}}, "another plant|its compressor"),
+        ({"design": lambda theta: 1.01 * plant.design(theta)}, "another plant: its design"),
+    ):
+        with pytest.raises(ValueError, match=f"is no checkpoint of .*{words}.* Resume with"):
+            trained(described(**changes), episodes=64, checkpoint=checkpoint, calibration=0)
+    (tmp_path / "agent.origin").unlink()
+    with pytest.raises(ValueError, match="agent.origin: No such file.* Resume with"):
+        trained(episodes=64, checkpoint=checkpoint, calibration=0)
+
+
 @pytest.mark.parametrize(
     "do, words",
     [
+        (lambda: trained(checkpoint=Path("gone/agent.zip")), "folder gone does not exist"),
+        (lambda: Training(compressor="regularised"), "compressor = 'regularised' is unknown"),
         (lambda: trained(TASK), "plant is a Task"),
         (lambda: trained("gone:plant"), "no module 'gone'"),
         (lambda: trained(calibration=5), "calibration = 5"),

@@ -172,6 +172,8 @@ def test_a_measured_parameter_that_cannot_be_used(written, tuner):
     assert "not a finite number" in refused(WRONG, *of, "--measured", "K=nan")
     twice = refused(WRONG, *of, "--measured", "K=1", "--measured", "K=2")
     assert "--measured K is given twice" in twice
+    again = refused(WRONG, *of, "--measured", "K=1", "--measured", "k=2")
+    assert "--measured K is given twice" in again
     written(K=np.linspace(1.0, 1.5, len(U)))
     assert "K varies from 1 to 1.5, more than 25% of its mean" in refused(UNUSABLE, *of)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from first_order import SIGMA, TAU, U, by_one, described, design, plant, simulate, slopes
 
-from tuners import plants
+from tuners import model_file, plants
 from tuners.compressors.laguerre import Laguerre
 from tuners.compressors.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
@@ -313,6 +313,41 @@ def test_saving_and_loading_say_what_is_missing(tuner, tmp_path, monkeypatch):
     gone = plants.PlantTuner(described(entry="gone:plant"), tuner.stages, tuner.black_box, {})
     gone.save(path)
     with pytest.raises(ModelFileError, match="there is no module 'gone'"):
+        plants.load(path)
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"compressor": None}, "lacks or misnames .* Train it again"),
+        ({"compressor": {"name": "laguerre", "order": 5, "pole": 2.0}}, "cannot be used: "),
+        ({"compressor": {"name": "laguerre", "order": 0, "pole": 2.0}}, "order = 0 must be"),
+        ({"black_box": {"order": 8, "pole": -1.0}}, "pole = -1 must be"),
+        ({"calibration": [1.0]}, "calibration has shape"),
+        ({"calibration": [-1.0, 1.0]}, "calibration has -1"),
+        ({"calibration": ["a", "b"]}, "calibration is not an array of numbers"),
+        ({"training": "yes"}, "training = 'yes' is not of type dict"),
+        ({"plant": 5}, "cannot be used: "),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused(tuner, tmp_path, change, words):
+    path = tmp_path / "first.tuner"
+    tuner.save(path)
+    settings, arrays = model_file.read(path)
+    model_file.write(path, settings | change, arrays)
+    with pytest.raises(ModelFileError, match=f"first.tuner .*{words}"):
+        plants.load(path)
+
+
+@pytest.mark.parametrize("lost", ["compressor", "learner", "entry", "plant", "calibration", "W1"])
+def test_files_that_are_incomplete_are_refused(tuner, tmp_path, lost):
+    path = tmp_path / "first.tuner"
+    tuner.save(path)
+    parts = model_file.read(path)
+    for part in parts:
+        part.pop(lost, None)
+    model_file.write(path, *parts)
+    with pytest.raises(ModelFileError, match=f"lacks or misnames '{lost}'.* Train it again"):
         plants.load(path)
 
 

@@ -184,7 +184,7 @@ def seeds_of(run):
 def test_a_resumed_training_goes_on_where_it_was(algorithm, tmp_path):
     checkpoint = tmp_path / "checkpoint"  # Stable-Baselines3 would add .zip
     interrupted(algorithm, checkpoint, at=528)
-    files = {"checkpoint", "checkpoint.average.pt", "checkpoint.buffer.pkl"}
+    files = {"checkpoint" + end for end in ("", ".average.pt", ".buffer.pkl", ".origin")}
     files -= {"checkpoint.buffer.pkl"} if algorithm == "ppo" else set()
     assert {path.name for path in tmp_path.iterdir()} == files
 
@@ -212,6 +212,17 @@ def test_checkpoints_of_other_settings_are_refused(others, tmp_path):
     trained("sac", episodes=32, checkpoint=checkpoint)
     with pytest.raises(ValueError, match="is no checkpoint of .* Resume with the settings"):
         rl_training.train(SHORT, Training(**{"episodes": 64} | others), checkpoint=checkpoint)
+
+
+@pytest.mark.parametrize(
+    "others, words",
+    [({"N": 400}, "another plant: its "), ({"nonlinear": True}, "nonlinear is False, not True")],
+)
+def test_checkpoints_of_other_vehicles_are_refused(others, words, tmp_path):
+    checkpoint = tmp_path / "agent.zip"
+    trained("sac", episodes=32, checkpoint=checkpoint)
+    with pytest.raises(ValueError, match=f"is no checkpoint of .*{words}.* Resume with"):
+        trained("sac", 64, others, checkpoint=checkpoint)
 
 
 def test_other_files_are_no_checkpoints(tmp_path):

@@ -159,16 +159,7 @@ def from_file(path: str | os.PathLike[str]) -> Tuner:
         )
     known: tuple[type[Tuner], ...] = (*UNTRAINED.values(), TwoStage, RLTuner)
     kinds = {cls.kind: cls for cls in known}
-    try:
+    with model_file.rebuilding(path):
         tuner = kinds[settings["kind"]].from_file(settings, arrays)
         tuner.calibration = Calibration(**settings.get("calibration", {}))
-    except (KeyError, TypeError) as error:
-        raise model_file.ModelFileError(
-            f"{path} lacks or misnames {error}: written by another version. Train it again."
-        ) from None
-    except (ValueError, AttributeError, IndexError) as error:
-        reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise model_file.ModelFileError(
-            f"{path} cannot be used: {reason} Train it again."
-        ) from None
     return tuner

@@ -11,6 +11,8 @@ import hashlib
 import json
 import lzma
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -74,3 +76,19 @@ def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArra
         SafetensorError, lzma.LZMAError, KeyError, ValueError, TypeError, RecursionError,
     ) as error:  # fmt: skip
         raise ModelFileError(f"{path} cannot be read: {error}. Train it again.") from None
+
+
+@contextmanager
+def rebuilding(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Say of contents that no tuner can be made of that they are the file's."""
+    try:
+        yield
+    except ModelFileError:
+        raise
+    except (KeyError, TypeError) as error:
+        raise ModelFileError(
+            f"{path} lacks or misnames {error}: written by another version. Train it again."
+        ) from None
+    except (ValueError, AttributeError, IndexError) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise ModelFileError(f"{path} cannot be used: {reason} Train it again.") from None

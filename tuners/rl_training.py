@@ -4,6 +4,7 @@
 same.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
+from tuners.checkpoint import Origin
+from tuners.compressors import described as described_stage
 from tuners.feature_map import ActionMap, FeatureMap
 from tuners.learners.agent import Actor, Agent
 from tuners.learners.threads import threads
@@ -28,9 +31,11 @@ from tuners.rl import Progress, RLTuner, Training
 from tuners.sb3_adapter import Sb3VecEnv
 from tuners.stages import Stages
 from tuners.wrappers import base_env
+from tuners.yaw_rate import yaw_rate
 from yawrate_env import FEATURES_ID, PLANT_FEATURES_ID
-from yawrate_env.files import replacing
+from yawrate_env.files import check_folder, replacing
 from yawrate_env.interaction import VISIBLE
+from yawrate_env.nonlinear.env import PITuningNonlinearEnv
 
 Made = TypeVar("Made")
 Maker = Callable[[Actor, dict[str, Any]], Made]
@@ -96,8 +101,8 @@ def train(
         Folder for TensorBoard.
     checkpoint : Path, optional
         Stable-Baselines3 zip written at every snapshot and resumed from if it is there,
-        with the replay buffer and the averaged actor beside it.  Such files hold pickles,
-        which can run code: resume from your own only.
+        with the replay buffer, the averaged actor and what it was made for beside it.  Such
+        files hold pickles, which can run code: resume from your own only.
 
     Returns
     -------
@@ -156,7 +161,9 @@ def of_vehicles(
     def made(actor: Actor, training: dict[str, Any]) -> RLTuner:
         return RLTuner(one.task, features, VISIBLE[one.visible], actor, training)
 
-    return Run(env, made, settings, log, checkpoint)
+    seen = {"visible": one.visible, "nonlinear": isinstance(one, PITuningNonlinearEnv)}
+    origin = _origin(yaw_rate(one.task), settings, features, seen)
+    return Run(env, made, settings, log, checkpoint, origin)
 
 
 def of_plant(
@@ -171,7 +178,17 @@ def of_plant(
         stages = Stages(features.compressor, Agent(actor, *around))
         return PlantTuner(plant, stages, black_box, {"name": "rl", **training})
 
-    return Run(env, made, settings, log, checkpoint)
+    return Run(env, made, settings, log, checkpoint, _origin(plant, settings, features))
+
+
+def _origin(
+    plant: Plant, settings: Training, features: FeatureMap, seen: dict[str, Any] | None = None
+) -> Origin:
+    """What a checkpoint says that it was made for."""
+    first_stage = json.loads(json.dumps(described_stage(features.compressor)))
+    return Origin(
+        plant, {"algorithm": settings.algorithm, "compressor": first_stage, **(seen or {})}
+    )
 
 
 def _environment(
@@ -194,6 +211,8 @@ class Run(Generic[Made]):
         The actor and how it was trained to a tuner.
     settings, log, checkpoint
         As for `train`.
+    origin : Origin
+        What a checkpoint must have been made for.
     """
 
     def __init__(
@@ -203,8 +222,12 @@ class Run(Generic[Made]):
         settings: Training,
         log: str | None,
         checkpoint: Path | None,
+        origin: Origin,
     ) -> None:
         self.settings, self.checkpoint, self.made = settings, checkpoint, made
+        self.origin = origin
+        if checkpoint is not None:
+            check_folder(checkpoint.parent)
         self.env = Sb3VecEnv(env)
         self.average = _Average()
         if checkpoint is not None and checkpoint.exists():
@@ -231,6 +254,7 @@ class Run(Generic[Made]):
         """Write the checkpoint, if one is wanted."""
         if self.checkpoint is None:
             return
+        self.origin.write(_beside(self.checkpoint, "origin"))
         with replacing(self.checkpoint) as file:
             self.model.save(file)
         with replacing(_beside(self.checkpoint, "average.pt")) as file:
@@ -241,6 +265,7 @@ class Run(Generic[Made]):
 
     def _resumed(self, checkpoint: Path) -> BaseAlgorithm:
         try:
+            self.origin.check(_beside(checkpoint, "origin"))
             model = CLASSES[self.settings.algorithm].load(checkpoint, env=self.env, device="cpu")
         except Exception as error:  # whatever a foreign zip makes Stable-Baselines3 raise
             raise ValueError(

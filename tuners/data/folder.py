@@ -45,7 +45,7 @@ class Folder:
         self.manifest = Manifest.read(self.path)
         self.recipe = self.manifest.recipe(self.path.parent, plant)
         self.manifest.check_shards(self.path, self.recipe)
-        missing = len(list(self.recipe.shards())) - len(self.manifest.shards)
+        missing = self.recipe.shard_count - len(self.manifest.shards)
         if missing:
             raise DatasetError(
                 f"{self.path} lacks {missing} of its shards. Generate it again with the same "
@@ -85,7 +85,9 @@ def damage(folder: Path, manifest: Manifest, progress: Progress | None = None) -
     wrong = []
     for done, shard in enumerate(manifest.shards, start=1):
         path = folder / shard.file
-        if path.exists() and _sha256(path) != shard.sha256:
+        if path.is_dir():
+            wrong.append(f"{path} is damaged: it is a folder")
+        elif path.exists() and _sha256(path) != shard.sha256:
             wrong.append(f"{path} is damaged: its checksum is not the manifest's")
         if progress is not None:
             progress("verifying", done, len(manifest.shards))

@@ -82,6 +82,7 @@ class Configuration:
         remedy = "Give one of yawrate_env.contexts.CONTEXT_SETS."
         validation.instance("contexts", self.contexts, ContextSet, remedy=remedy)
         check(self.compressor)
+        object.__setattr__(self, "raw", validation.flag("raw", self.raw))
         self.subject.check(self.contexts)
 
     @property
@@ -95,9 +96,18 @@ class Configuration:
 
     def shards(self) -> Iterator[Shard]:
         """All of them, in order."""
-        for number, first in enumerate(range(0, self.episodes, self.shard_size)):
-            rows = min(self.shard_size, self.episodes - first)
-            yield Shard(f"shard-{number:06d}.parquet", first, rows)
+        return map(self.shard, range(self.shard_count))
+
+    @property
+    def shard_count(self) -> int:
+        """How many there are."""
+        return -(-self.episodes // self.shard_size)
+
+    def shard(self, number: int) -> Shard:
+        """One of them."""
+        first = number * self.shard_size
+        rows = min(self.shard_size, self.episodes - first)
+        return Shard(f"shard-{number:06d}.parquet", first, rows)
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values, the versions in use among them."""
@@ -169,21 +179,24 @@ class Manifest:
         except DatasetError:
             raise
         except (KeyError, TypeError, ValueError) as error:
-            made = self.configuration.get("versions")
+            made, reason = self.configuration.get("versions"), str(error).removesuffix(".")
             raise DatasetError(
-                f"The manifest's configuration is another version's ({made}): {error}. Read it "
+                f"The manifest's configuration is another version's ({made}): {reason}. Read it "
                 "with that version."
             ) from None
 
     def check_shards(self, folder: Path, recipe: Configuration) -> None:
         """Refuse shards that are not the recipe's, or not in its order; some may be missing."""
-        rest = (replace(shard, sha256="") for shard in recipe.shards())
-        strange = next((s for s in self.shards if replace(s, sha256="") not in rest), None)
-        if strange is not None:
-            raise DatasetError(
-                f"{folder}: the manifest lists {strange.file!r} with episodes from "
-                f"{strange.first!r} on where its configuration has no such shard. Copy it again."
-            )
+        last = -1
+        for shard in self.shards:
+            number = shard.first // recipe.shard_size if isinstance(shard.first, int) else -1
+            known = last < number < recipe.shard_count
+            if not (known and replace(shard, sha256="") == recipe.shard(number)):
+                raise DatasetError(
+                    f"{folder}: the manifest lists {shard.file!r} with episodes from "
+                    f"{shard.first!r} on where its configuration has no such shard. Copy it again."
+                )
+            last = number
 
     def with_shard(self, shard: Shard) -> "Manifest":
         """One more is finished."""
@@ -194,9 +207,10 @@ class Manifest:
 
         All shards stay but a last one that is shorter than the others: it will be longer.
         """
-        if not self.configuration.get("episodes", episodes) < episodes:
+        before, size = (self.configuration.get(name) for name in ("episodes", "shard_size"))
+        if not (isinstance(before, int) and isinstance(size, int) and before < episodes):
             return self
-        full = (s for s in self.shards if s.rows == self.configuration["shard_size"])
+        full = (s for s in self.shards if s.rows == size)
         return Manifest(self.configuration | {"episodes": episodes}, tuple(full))
 
     def write(self, folder: Path) -> None:
@@ -221,12 +235,12 @@ class Manifest:
         try:
             content = json.loads(path.read_bytes())
             found = content["format"]
-            configuration = content["configuration"]
+            configuration = dict(content["configuration"])
             intact = content["configuration_sha256"] == _digest(configuration)
             shards = tuple(Shard(**values) for values in content["shards"])
         except OSError as error:
             raise DatasetError(f"{path}: {error.strerror}. Name a data set's folder.") from None
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise DatasetError(
                 f"{path} is damaged: {type(error).__name__} {error}. Copy it again; the shards "
                 "themselves may be intact."
@@ -254,6 +268,8 @@ def differences(wanted: dict[str, Any], found: dict[str, Any], prefix: str = "")
         elif prefix == "plant.answers.":
             if not alike(theirs, ours):
                 yield f"the plant's {name} has changed"
+        elif isinstance(ours, dict) or isinstance(theirs, dict):
+            yield f"there is {prefix}{name} {'here' if theirs is None else 'there'} only"
         elif ours != theirs:
             yield f"{prefix}{name} is {theirs!r} there and {ours!r} here"
 

@@ -25,6 +25,7 @@ from tuners.data.acting import Acts, acts
 from tuners.data.manifest import DatasetError
 from tuners.data.subject import Plants
 from tuners.feature_map import ActionMap
+from tuners.plants import fingerprint
 from tuners.plants.entry import find
 from tuners.plants.plant import Plant
 from tuners.sight import sight
@@ -96,7 +97,13 @@ def export_minari(
     validation.number("episodes", episodes, at_most=LARGEST, remedy=remedy)
     episodes = validation.count("episodes", episodes)
     seed = validation.count("seed", seed, at_least=0)
-    validation.count("number of behaviours", len(behaviours))
+    _check_name(dataset_id)
+    validation.flag("raw", raw)
+    remedy = "Give one of yawrate_env.contexts.CONTEXT_SETS."
+    validation.instance("contexts", contexts, ContextSet, remedy=remedy)
+    validation.instance("env_kwargs", env_kwargs or {}, dict, remedy="Give names with values.")
+    if not isinstance(behaviours, list | tuple) or not behaviours:
+        raise ValueError(f"behaviours = {behaviours!r} must be some of {', '.join(BEHAVIOURS)}.")
     for name in behaviours:
         validation.one_of("behaviour", name, BEHAVIOURS)
     if dataset_id in minari.list_local_datasets():
@@ -126,6 +133,19 @@ def export_minari(
     return minari.load_dataset(dataset_id)
 
 
+def _check_name(dataset_id: Any) -> None:
+    """Refuse what Minari would write, and never again list anything beside it."""
+    from minari.dataset.minari_dataset import parse_dataset_id
+
+    try:
+        parse_dataset_id(dataset_id)
+    except (ValueError, TypeError):
+        raise ValueError(
+            f"dataset_id = {dataset_id!r} is no name of Minari's. Give letters, digits, dashes and "
+            'a version, as in "yawrate/mixture-v0".'
+        ) from None
+
+
 def _environment(
     plant: Plant | str | None, raw: bool, kwargs: dict[str, Any], contexts: ContextSet
 ) -> Any:
@@ -133,6 +153,13 @@ def _environment(
     if plant is None:
         return gymnasium.make(ENV_ID if raw else FEATURES_ID, **kwargs)
     Plants(described := find(plant)).check(contexts)
+    found = find(described.entry)
+    then = fingerprint.settings(described), fingerprint.trial(described)
+    if other := fingerprint.changed(found, *then):
+        raise DatasetError(
+            f"plant is not the {described.entry} that is found again: its {other} differs. Give "
+            "it an entry of its own."
+        )
     return gymnasium.make(PLANT_ID if raw else PLANT_FEATURES_ID, plant=described.entry, **kwargs)
 
 

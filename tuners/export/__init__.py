@@ -35,7 +35,7 @@ from tuners.export.tuner_source import first_stage_source, tuner_source
 from tuners.plants.tuner import PlantTuner
 from tuners.tuner import Tuner
 from yawrate_env import validation
-from yawrate_env.files import replacing, write_text
+from yawrate_env.files import check_regular, replacing, write_text
 
 __all__ = [
     "TARGETS",
@@ -122,6 +122,8 @@ def export(
 def _write_all(folder: Path, files: dict[str, str]) -> list[Path]:
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder} is a file, and target c writes several. Name a folder.")
+    for name in files:
+        check_regular(folder / name)
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         write_text(folder / name, text)

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from tuners.export.digital_pi import LIMITS, SIGNALS, DigitalPI, unit
+from tuners.export.digital_pi import LIMITS, SIGNALS, SLOWEST, DigitalPI, unit
 from tuners.plants.pi_loop import GAINS
 from tuners.plants.result import PlantResult
 from yawrate_env import validation
@@ -48,6 +48,19 @@ class Gains:
     target: Target | None = None
     trusted: bool | None = None
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.values, Mapping) or not self.values:
+            raise ValueError(
+                f'gains = {self.values!r} must be names with values, as in {{"K": 1}}.'
+            )
+        for name, value in self.values.items():
+            if not (isinstance(value, float) and not np.isfinite(value)):
+                validation.number(name, value, remedy="Give nan for none.")
+        for name, signal in zip(("input", "output"), self.signals, strict=True):
+            validation.text(f"signals' {name}", signal)
+        if self.trusted is not None:
+            validation.flag("trusted", self.trusted)
+
     @classmethod
     def of(cls, source: Any) -> Self:
         """From a result, a pair (kp, Ti), or anything with attributes of these names."""
@@ -72,7 +85,7 @@ class Gains:
         """From a file of ``yawrate tune --json``, a vehicle's or a plant's."""
         try:
             content = json.loads(Path(path).read_bytes())
-            trusted = bool(content["trusted"])
+            trusted = validation.flag("trusted", content["trusted"])
             if "gains" not in content:
                 loop = Target(**content["target"])
                 pair = {name: _number(content[name]) for name in GAINS}
@@ -80,14 +93,14 @@ class Gains:
             values = {name: _number(value) for name, value in content["gains"].items()}
             plant = content["plant"]
             target = None if plant["target"] is None else Target(**plant["target"])
-            Ts = float(plant["Ts"]) if target is None else target.Ts
+            Ts = _sampling_time(plant["Ts"]) if target is None else target.Ts
             first, second = plant["signals"]
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            return cls(values, Ts, (first, second), None, target, trusted)
+        except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
             raise ValueError(
                 f"{path} is no answer of `yawrate tune --json` ({type(error).__name__}: {error}). "
                 "Tune the log again."
             ) from None
-        return cls(values, Ts, (first, second), None, target, trusted)
 
     @property
     def refusal(self) -> str:
@@ -109,7 +122,7 @@ class Gains:
 
     def sampling(self, Ts: float | None) -> float:
         """The controller's sampling time, where another one is not given."""
-        return self.Ts if Ts is None else Ts
+        return _sampling_time(self.Ts if Ts is None else Ts)
 
     def _limits(self, given: Limits | None) -> Limits:
         """Those given or known, checked as far as they are a vehicle's."""
@@ -132,6 +145,10 @@ class Gains:
         return low, high
 
 
-def _number(value: Any) -> float:
-    """JSON's number, or ``nan`` for its null."""
-    return np.nan if value is None else float(value)
+def _number(value: Any) -> Any:
+    """JSON's value, or ``nan`` for its null."""
+    return np.nan if value is None else value
+
+
+def _sampling_time(value: Any) -> float:
+    return validation.number("Ts", value, above=0.0, at_most=SLOWEST, remedy="Give it in seconds.")

@@ -39,8 +39,12 @@ def table(values: NDArray[np.float64]) -> str:
 
 
 def comment(text: str) -> str:
-    """What somebody calls a signal or a gain, where it can neither end a comment nor a line."""
-    return " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *")
+    """What somebody calls a signal or a gain, where it can neither end a comment nor a line.
+
+    What cannot be seen, or turns around what can, or is no text at all, is a question mark.
+    """
+    seen = "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+    return seen.replace("*/", "* /").replace("/*", "/ *")
 
 
 def check_name(name: str) -> None:

@@ -38,6 +38,12 @@ class Response:
     label: str = ""
 
     def __post_init__(self) -> None:
+        validation.text("a response's title", self.title)
+        if not isinstance(self.label, str):
+            raise ValueError(f"a response's label = {self.label!r} must be a text.")
+        wanted = self.wanted
+        if not (isinstance(wanted, float) and np.isnan(wanted)):
+            wanted = validation.number("a response's wanted", wanted, remedy="Give nan for none.")
         time = _rising("a response's time", self.time)
         value = validation.float_array("a response's value", self.value)
         if value.shape != time.shape:
@@ -45,6 +51,7 @@ class Response:
                 f"{self.title!r} has values of shape {value.shape}, wanted one for each of its "
                 f"{len(time)} times."
             )
+        object.__setattr__(self, "wanted", wanted)
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "value", value)
 
@@ -71,12 +78,15 @@ class OpenLoop:
         frequency = _rising("an open loop's frequency", self.frequency)
         remedy = "Leave frequency 0 out."
         validation.number("an open loop's lowest frequency", frequency[0], above=0.0, remedy=remedy)
-        response = np.asarray(self.response, dtype=np.complex128)
+        response = _response(self.response)
         if response.shape != frequency.shape:
             raise ValueError(
                 f"an open loop has a response of shape {response.shape}, wanted one for each of "
                 f"its {len(frequency)} frequencies."
             )
+        if self.margins is not None:
+            remedy = "Give the Margins of one loop, or None."
+            validation.instance("an open loop's margins", self.margins, Margins, remedy=remedy)
         object.__setattr__(self, "frequency", frequency)
         object.__setattr__(self, "response", response)
 
@@ -117,9 +127,32 @@ class ClosedLoop:
     stable: bool = True
 
     def __post_init__(self) -> None:
+        if not isinstance(self.responses, tuple | list):
+            raise ValueError(f"responses = {self.responses!r} must be a tuple of Response.")
+        for response in self.responses:
+            validation.instance("a loop's response", response, Response, remedy="Give a Response.")
+        if self.open is not None:
+            remedy = "Give an OpenLoop, or None."
+            validation.instance("open", self.open, OpenLoop, remedy=remedy)
         object.__setattr__(self, "responses", tuple(self.responses))
+        object.__setattr__(self, "stable", validation.flag("stable", self.stable))
         if not self.responses and self.open is None:
             raise ValueError("a ClosedLoop has nothing to draw. Give it responses or open.")
+
+
+def _response(values: ArrayLike) -> NDArray[np.complex128]:
+    """(F,) complex numbers, none of which lacks a logarithm."""
+    try:
+        response = np.asarray(values, dtype=np.complex128)
+    except (TypeError, ValueError):
+        raise ValueError("an open loop's response is not an array of complex numbers.") from None
+    odd = response[~np.isfinite(response) | (response == 0)]
+    if len(odd):
+        raise ValueError(
+            f"an open loop's response is {odd[0]:g} somewhere; every value must be finite and not "
+            "0. Leave such frequencies out."
+        )
+    return response
 
 
 def _rising(name: str, values: ArrayLike) -> Array:

@@ -150,6 +150,8 @@ def _given(plant: Plant, measured: Mapping[str, float | str]) -> dict[str, float
         if not plant.measured:
             raise SelectionError(f"--measured {name}: nothing is measured beside this plant.")
         meant = name if name in plant.measured else whole.get(plain(name), name)
+        if meant in given:
+            raise SelectionError(f"--measured {meant} is given twice.")
         try:
             given[validation.one_of("--measured", meant, tuple(plant.measured))] = value
         except ValueError as error:

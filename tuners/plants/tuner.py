@@ -302,6 +302,17 @@ def load(path: str | os.PathLike[str], plant: Plant | None = None) -> PlantTuner
     settings, arrays = model_file.read(path)
     if settings.get("kind") != PlantTuner.kind:
         raise model_file.ModelFileError(f"{path} is no plant's tuner. Use tuners.load.")
+    with model_file.rebuilding(path):
+        return _rebuilt(path, settings, arrays, plant)
+
+
+def _rebuilt(
+    path: str | os.PathLike[str],
+    settings: dict[str, Any],
+    arrays: dict[str, NDArray[Any]],
+    plant: Plant | None,
+) -> PlantTuner:
+    """The tuner of a file's contents, which is tried once."""
     try:
         found = plant or entry.find(settings["entry"], Path(path).parent)
     except ValueError as error:
@@ -313,10 +324,20 @@ def load(path: str | os.PathLike[str], plant: Plant | None = None) -> PlantTuner
             f"{path} was trained for another {found.entry or 'plant'}: since then its {other} "
             "changed. Train again, or restore the description."
         )
-    return PlantTuner(
+    factors = validation.finite_array(
+        "calibration", settings["calibration"], shape=(len(found.figures),)
+    )
+    if (factors < 0).any():
+        raise ValueError(f"calibration has {factors.min():g}, which is no width.")
+    validation.instance("training", settings["training"], dict, remedy="")
+    tuner = PlantTuner(
         found,
         Stages.from_file(settings, learned),
         Laguerre(**{k: v for k, v in settings["black_box"].items() if k != "name"}),
         settings["training"],
-        tuple(settings["calibration"]),
+        tuple(factors.tolist()),
     )
+    answered = tuner.gains(found.u, found.respond(found.middle)).shape
+    if answered != (1, len(found.gains)):
+        raise ValueError(f"it answers {answered[1]} gains, wanted {len(found.gains)}.")
+    return tuner
