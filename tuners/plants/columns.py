@@ -75,7 +75,11 @@ def _conversion(column: str, read: Column, wanted: Wanted) -> tuple[tuple[float,
             f"Give {wanted.flag}-scale."
         )
     said = wanted.unit or units.stated(column, read.unit) or _suffix(column, wanted.name)
-    if not said or not unit:
+    if said and not unit:
+        return (1.0, 0.0), [
+            f"Column {column} was taken as it is: the plant does not say what unit its {name} has."
+        ]
+    if not said:
         return (1.0, 0.0), []
     try:
         found = units.conversion(said, unit)
