@@ -29,6 +29,7 @@ from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
 from tuners.plants import data
 from tuners.plants.coordinates import PLAIN
+from tuners.plants.training import compressor_for
 from tuners.stages import Recipe, Stages
 from tuners.two_stage import TwoStage
 from yawrate_env.design import Status
@@ -329,6 +330,18 @@ def test_controllers_that_cannot_be_written_are_refused(tmp_path):
         for target in ("c", "matlab"):
             with pytest.raises(ValueError, match=message):
                 export(source, target, tmp_path / "x", limits=limits)
+    assert not list(tmp_path.iterdir())
+
+
+def test_regularised_features_stay_and_the_refusal_has_the_recipe(tmp_path):
+    plant, _, learner = CASES["inputs"]
+    compressor = compressor_for(plant)
+    recipe = Recipe(compressor, learner, noise_draws=1)
+    tuner = plants.train(plant, recipe, count=50, calibration=0)
+    for target in ("c", "onnx"):
+        said = rf"a plant with excite has .* Recipe\(Laguerre\(16, {compressor.pole:.4g}\)"
+        with pytest.raises(ValueError, match=said):
+            export(tuner, target, tmp_path / "x")
     assert not list(tmp_path.iterdir())
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.compressors.laguerre import Laguerre
+from tuners.compressors.regularised import Regularised
 from tuners.compressors.response import FrequencyResponse
 from tuners.coordinates import decode
 from tuners.learners import Learner
@@ -65,6 +66,13 @@ class Parts:
                 f"{_EXPORTED}"
             )
         stages = tuner.stages
+        if isinstance(stages.compressor, Regularised):
+            raise ValueError(
+                "a tuner with Regularised features, which a plant with excite has by default, is "
+                "not exported: they are not linear in the output. Export one of plants.train("
+                f"plant, Recipe(Laguerre(16, {stages.compressor.pole:.4g}), "
+                "FeedForwardSettings(neurons=16)), count=2000)."
+            )
         if not isinstance(stages.compressor, Laguerre | FrequencyResponse):
             name = type(stages.compressor).__name__
             raise ValueError(
