@@ -137,6 +137,14 @@ def test_columns_are_converted_and_that_is_said(read, form):
     assert log.notes == tuple(n.format(name) for n, name in zip(NOTES, names, strict=True))
 
 
+@pytest.mark.parametrize("scale", [1.0, -1.0])
+def test_a_scale_of_one_goes_with_units_that_differ_by_an_offset(read, scale):
+    warm = described(signals=("heater [kW]", "temperature [degC]"))
+    columns = {"t": TS * np.arange(len(U)), "heater [W]": 1e3 * U, "temperature (K)": Y + 273.15}
+    log = read(columns, plant=warm, output_scale=scale)
+    np.testing.assert_allclose(log.y, scale * Y, atol=1e-12)
+
+
 def test_a_unit_that_cannot_be_looked_at_is_said(read):
     columns = {"t": TS * np.arange(len(U)), "u [%]": U, "y": Y}
     log = read(columns, plant=described(signals=("u", "y")))
