@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 from first_order import TAU, U, described, design, plant, simulate
+from recordings import ROOT
 from test_cli import call, refused
 from test_data_generation import TASK, cluster, contents, environment
 from test_data_generation import made as of_vehicles
@@ -426,3 +427,7 @@ def test_a_tuner_is_trained_from_the_command_line(own_module, tmp_path, monkeypa
     (another(tmp_path) / "my.toml").write_text(file.read_text())
     other = refused(1, *train, folder, "--vehicle", tmp_path / "other" / "my.toml")
     assert "not of the my_plant:plant" in other and "prior" in other
+    (own_module / "motor.toml").write_text('[plant]\nentry = "dc_motor:plant"\n')
+    (own_module / "dc_motor.py").write_text((ROOT / "examples/plants/dc_motor.py").read_text())
+    line = refused(1, *train, folder, "--vehicle", own_module / "motor.toml")
+    assert "is of my_plant:plant, not of dc_motor:plant. Give the plant that it is of" in line

@@ -295,6 +295,7 @@ def test_a_module_that_cannot_be_imported_is_one_line(code, words, command, tmp_
     (tmp_path / "my.toml").write_text('[plant]\nentry = "my_plant:plant"\n')
     line = refused(UNUSABLE, *command.split(), "--vehicle", "my.toml")
     assert line.startswith("error: my.toml: importing my_plant failed: ") and words in line
+    assert not line.strip().endswith("..")
     assert "my_plant" not in sys.modules
 
 

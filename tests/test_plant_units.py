@@ -137,6 +137,52 @@ def test_columns_are_converted_and_that_is_said(read, form):
     assert log.notes == tuple(n.format(name) for n, name in zip(NOTES, names, strict=True))
 
 
+@pytest.mark.parametrize("scale", [1.0, -1.0])
+def test_a_scale_of_one_goes_with_units_that_differ_by_an_offset(read, scale):
+    warm = described(signals=("heater [kW]", "temperature [degC]"))
+    columns = {"t": TS * np.arange(len(U)), "heater [W]": 1e3 * U, "temperature (K)": Y + 273.15}
+    log = read(columns, plant=warm, output_scale=scale)
+    np.testing.assert_allclose(log.y, scale * Y, atol=1e-12)
+
+
+def test_a_unit_that_cannot_be_looked_at_is_said(read):
+    columns = {"t": TS * np.arange(len(U)), "u [%]": U, "y": Y}
+    log = read(columns, plant=described(signals=("u", "y")))
+    np.testing.assert_allclose(log.u, U)
+    assert log.notes == (
+        "Column u [%] was taken as it is: the plant does not say what unit its u has.",
+    )
+
+
+def test_columns_are_chosen_with_their_units_or_without(read):
+    columns = Choice(columns={"input": "pump", "output": "flow (raw)"})
+    named = logged("pump [mV]", "flow (raw) [rpm]", "torque [mNm]", 1e3 * U, 30 / np.pi * Y)
+    named["torque [mNm]"] *= 1e3
+    with pytest.raises(SelectionError, match=r"No column 'flow \(raw\)' for output"):
+        read(named, choice=columns)
+    columns = Choice(columns={"input": "pump", "output": "flow (raw) [rpm]"})
+    same(read(named, choice=columns, measured={"load": "torque"}))
+
+
+def test_two_columns_of_a_name_are_told_apart_by_their_units(read):
+    columns = Choice(columns={"input": "pump", "output": "speed"})
+    with pytest.raises(SelectionError, match="No column 'pump' for input"):
+        read(logged("pump [V]") | {"pump [mV]": 1e3 * U}, choice=columns)
+
+
+@pytest.mark.parametrize("unit, seconds", [("min", 60.0), ("h", 3600.0)])
+def test_slow_plants_have_logs_in_minutes_and_hours(read, unit, seconds):
+    columns = logged("motor_voltage", "speed")
+    log = read({f"time [{unit}]": columns.pop("t") / seconds} | columns)
+    assert log.Ts == pytest.approx(TS)
+    same(log)
+
+
+def test_a_measured_value_in_another_unit_is_told_which():
+    with pytest.raises(ValueError, match="at most 7.5. Give it in N m, or describe"):
+        DRIVEN.possible("load [N m]", 2000.0)
+
+
 def test_channels_of_mdf_state_theirs(tmp_path):
     asammdf = pytest.importorskip("asammdf")
     channels = {"u": ("mV", 1e3 * U), "y": ("rad/s", Y), "load": ("mNm", 0 * U + 2e3)}

@@ -158,6 +158,12 @@ class Configuration:
         """`DatasetError` where the plant is not what it was when `to_json` gave `values`."""
         then, now = values.get("plant", {}), self.to_json().get("plant", {})
         other = "; ".join(differences(now, then, "plant."))
+        made, given = then.get("entry"), now.get("entry")
+        if made != given:
+            raise DatasetError(
+                f"The data set is of {made}, not of {given}. Give the plant that it is of, or "
+                "generate another data set."
+            )
         if other:
             raise DatasetError(
                 f"The data set is not of the {then.get('entry')} that is found here: {other}. "

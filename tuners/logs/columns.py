@@ -25,13 +25,14 @@ SYNONYMS = {
 }
 HAND_WHEEL = ("handwheelangle", "steeringwheelangle", "swa", "lenkwinkel")
 UNITS = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "steer": {"rad": 1.0, "deg": np.pi / 180},
     "yaw_rate": {"rad/s": 1.0, "deg/s": np.pi / 180},
     "speed": {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704},
 }
 SPELLINGS = {
     "s": "s sec seconds", "ms": "ms", "us": "us µs", "ns": "ns",
+    "min": "min minutes", "h": "h hours",
     "rad": "rad radians", "deg": "deg ° degrees degree grad",
     "rad/s": "rad/s rads radps rad_s rad/sec", "deg/s": "deg/s degs degps deg_s °/s deg/sec dps",
     "m/s": "m/s mps m_s ms-1 meterspersecond", "km/h": "km/h kmh kph km_h", "mph": "mph mi/h",
@@ -111,9 +112,12 @@ def _quantity(role: str, name: str, column: Column, unit: str | None) -> Quantit
 
 
 def named(given: str, role: str, names: Sequence[str]) -> str:
-    """The column that the user means by a name or a number from 1."""
+    """The column that the user means by a name, with its unit or not, or a number from 1."""
     if given in names:
         return given
+    whole = [name for name in names if re.sub(r"[\[(].*?[\])]", "", name).strip() == given]
+    if len(whole) == 1:
+        return whole[0]
     if given.isdecimal() and 1 <= int(given) <= len(names):
         return names[int(given) - 1]
     raise SelectionError(f"No column {given!r} for {role}; there are {listed(names)}.")

@@ -75,7 +75,11 @@ def _conversion(column: str, read: Column, wanted: Wanted) -> tuple[tuple[float,
             f"Give {wanted.flag}-scale."
         )
     said = wanted.unit or units.stated(column, read.unit) or _suffix(column, wanted.name)
-    if not said or not unit:
+    if said and not unit:
+        return (1.0, 0.0), [
+            f"Column {column} was taken as it is: the plant does not say what unit its {name} has."
+        ]
+    if not said:
         return (1.0, 0.0), []
     try:
         found = units.conversion(said, unit)
@@ -83,7 +87,7 @@ def _conversion(column: str, read: Column, wanted: Wanted) -> tuple[tuple[float,
         raise _refused(column, said, wanted, str(error)) from None
     if found == (1.0, 0.0):
         return found, []
-    if math.isclose(abs(wanted.scale), found[0], rel_tol=0.01):
+    if abs(wanted.scale) != 1 and math.isclose(abs(wanted.scale), found[0], rel_tol=0.01):
         remedy = "Leave it out" if wanted.scale > 0 else "Give -1"
         raise SelectionError(
             f"{wanted.flag}-scale {wanted.scale:g}: column {column} is converted from {said} to "

@@ -41,7 +41,8 @@ def find(entry: str | Plant, folder: Path | None = None) -> Plant:
     except (Exception, SystemExit) as error:
         missing = isinstance(error, ModuleNotFoundError) and _within(name, error.name)
         if not missing:
-            raise ValueError(f"importing {name} failed: {said(error)}.") from error
+            why = said(error).removesuffix(".")
+            raise ValueError(f"importing {name} failed: {why}.") from error
         raise ValueError(
             f"entry = {entry!r}: there is no module {name!r}. "
             "Run from the folder where it is, or add that to PYTHONPATH."

@@ -17,6 +17,7 @@ from tuners.plants.checks import check_settings
 from tuners.plants.closed_loop import ClosedLoop
 from tuners.plants.coordinates import LOG, Coordinates
 from tuners.plants.figure import Figure
+from tuners.plants.names import split
 from tuners.plants.trial import check_functions
 from yawrate_env import validation
 from yawrate_env.compiled import LANES, over_blocks
@@ -222,8 +223,10 @@ class Plant:
         """A parameter's value, or ``ValueError`` where the simulator was not made for it."""
         (i,) = self.places((name,))
         low, high = (float(end[i]) for end in self.limits)
-        return validation.number(name, value, at_least=low, at_most=high, remedy="Describe a "
-                                 "plant with a wider prior, or search_limits.")  # fmt: skip
+        unit = split(name)[1]
+        first = f"Give it in {unit}, or describe" if unit else "Describe"
+        remedy = f"{first} a plant with a wider prior, or search_limits."
+        return validation.number(name, value, at_least=low, at_most=high, remedy=remedy)
 
     def respond(self, theta: Array, u: Array | None = None, rng: Any = None) -> Array:
         """Outputs (B, N) without measurement noise, by default of the experiment's input.
