@@ -339,6 +339,9 @@ def test_controllers_that_cannot_be_written_are_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+# The command
+
+
 @pytest.fixture(scope="module")
 def motor(tmp_path_factory):
     """A folder with the motor's tuner, a log, and the answer to it."""

@@ -158,12 +158,6 @@ class Configuration:
         """`DatasetError` where the plant is not what it was when `to_json` gave `values`."""
         then, now = values.get("plant", {}), self.to_json().get("plant", {})
         other = "; ".join(differences(now, then, "plant."))
-        made, given = then.get("entry"), now.get("entry")
-        if made != given:
-            raise DatasetError(
-                f"The data set is of {made}, not of {given}. Give the plant that it is of, or "
-                "generate another data set."
-            )
         if other:
             raise DatasetError(
                 f"The data set is not of the {then.get('entry')} that is found here: {other}. "
@@ -281,7 +275,12 @@ def differences(wanted: dict[str, Any], found: dict[str, Any], prefix: str = "")
 
 
 def _found(name: str, folder: Path | None, plant: Plant | None) -> Plant:
-    """The plant given, or that of the entry."""
+    """The plant given, which needs no entry, or that of the entry."""
+    if plant is not None and plant.entry not in ("", name):
+        raise DatasetError(
+            f"The data set is of {name}, not of {plant.entry}. Give the plant that it is of, or "
+            "generate another data set."
+        )
     try:
         return entry.find(name, folder) if plant is None else entry.entered(plant, name)
     except ValueError as error:
