@@ -64,6 +64,7 @@ SETTINGS = [
     ({"design": 1}, "design = 1 cannot be called. Give a function."),
     ({"judge": 1, "figures": {"x": 1.0}}, "judge = 1 cannot be called.*or None"),
     ({"excite": 1}, "excite = 1"),
+    ({"excite": lambda words: U}, "excite gave shape .500,.* an input for each word"),
     ({"record": "a"}, "record = 'a'"),
     ({"gray_box": 1}, "gray_box = 1"),
     ({"linear": "no"}, "linear = 'no' must be True or False"),

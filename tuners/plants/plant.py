@@ -248,7 +248,10 @@ class Plant:
         """Inputs of B experiments, (1, N) or (B, N), from a random word each."""
         if self.excite is None:
             return self.u[None]
-        return validation.float_array("excite's answer", called("excite", self.excite, words))
+        u = validation.float_array("excite's answer", called("excite", self.excite, words))
+        if u.ndim != 2:
+            raise ValueError(f"excite gave shape {u.shape}. Give an input for each word, (B, N).")
+        return u
 
     def measure(self, theta: Array, u: Array, keys: Words, rng: Any = None) -> Array:
         """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4)."""
