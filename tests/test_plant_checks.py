@@ -84,6 +84,7 @@ SETTINGS = [
     ({"figures": ("x",), "judge": judge}, "figures = .*names with values"),
     ({"figures": {"x": "a"}, "judge": judge}, "figure x = 'a' is not a number"),
     ({"figures": {"": 1.0}, "judge": judge}, "figures' name = ''"),
+    ({"figures": {"margin": 1.0}}, "figures' name = 'margin': without a judge .* one of kp, Ti"),
     ({"noise": lambda y: -np.ones(len(y))}, "noise's least answer = -1"),
     ({"noise": None}, "noise = None"),
 ]
@@ -195,6 +196,10 @@ def test_a_description_without_a_judge_can_be_replaced():
     assert replace(plant, noise=0.1).figures == plant.figures
     renamed = replace(plant, gains=("a", "b"))
     assert tuple(renamed.figures) == ("relative error of a", "relative error of b")
+    wider = replace(plant, figures={"kp": 0.6})
+    wanted = {"relative error of kp": Figure(0.6), "relative error of Ti": Figure(0.3)}
+    assert wider.figures == replace(wider, noise=0.1).figures == wanted
+    assert replace(wider, gains=("kp", "b")).figures["relative error of kp"] == Figure(0.6)
     with pytest.raises(ValueError, match="belong together"):
         replace(plant, judge=judge)
     assert replace(plant, judge=judge, figures={"x": 1.0}).figures == {"x": Figure(1.0)}

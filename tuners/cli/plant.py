@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 VALIDATION = 300
 
+USUAL = 0.95
+"""Share of right recordings that are trusted; with less there is a remedy to say."""
+
 STEP, LATEST = 0.001, 0.03
 """How much earlier an output is tried, in lengths of the experiment."""
 
@@ -35,7 +38,8 @@ def accuracy(tuner: "PlantTuner", seed: int) -> str:
         for name, rms, least in zip(tuner.plant.figures, found.rms(TUNER), bound, strict=True)
     ]
     lost, trusted = found.unstable(TUNER), found.trusted.mean()
-    return f"{', '.join(words)}; {lost} of {VALIDATION} without stable loop; {trusted:.0%} trusted"
+    said = f"{', '.join(words)}; {lost} of {VALIDATION} without stable loop; {trusted:.0%} trusted"
+    return said if trusted > USUAL else f"{said}, more would be with larger figures"
 
 
 def tune(

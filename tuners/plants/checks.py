@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 RELATIVE_ERROR = 0.3
 """Of a gain: what counts as one where the plant has no judge."""
 
+_RELATIVE = "relative error of "
+
 SHORTEST = 16
 """Samples that an experiment has at least."""
 
@@ -148,17 +150,31 @@ def _search_limits(
 def _figures(plant: "Plant", gains: tuple[str, ...]) -> dict[str, Figure]:
     """Those given, or where there is no judge the gains' relative errors."""
     _check_mapping("figures", plant.figures, '{"phase margin [deg]": 10.0}')
-    given = {} if isinstance(plant.figures, Filled) else plant.figures
-    if (plant.judge is None) != (not given):
+    if plant.judge is None:
+        return _of_gains(plant.figures, gains)
+    if not plant.figures or isinstance(plant.figures, Filled):
         raise ValueError(
             "judge and figures belong together. Give figures the names of what judge returns and "
             'the errors that count as one, as in {"phase margin [deg]": 10.0}.'
         )
-    if not given:
-        return Filled({f"relative error of {name}": Figure(RELATIVE_ERROR) for name in gains})
-    for name in given:
+    for name in plant.figures:
         validation.text("figures' name", name)
-    return {name: _figure(name, value) for name, value in given.items()}
+    return {name: _figure(name, value) for name, value in plant.figures.items()}
+
+
+def _of_gains(figures: Mapping[str, float | Figure], gains: tuple[str, ...]) -> Filled:
+    """Relative errors of gains, which figures may give the scale of."""
+    if isinstance(figures, Filled):  # a description that was filled in, and has changed since
+        figures = {name.removeprefix(_RELATIVE): value for name, value in figures.items()}
+        figures = {name: value for name, value in figures.items() if name in gains}
+    for name in figures:
+        if name not in gains:
+            raise ValueError(
+                f"figures' name = {name!r}: without a judge figures are the gains' relative "
+                f"errors. Give a judge, or what counts as one of {', '.join(gains)}."
+            )
+    scales = {name: figures.get(name, RELATIVE_ERROR) for name in gains}
+    return Filled({f"{_RELATIVE}{name}": _figure(name, scales[name]) for name in gains})
 
 
 def _figure(name: str, value: float | Figure) -> Figure:

@@ -84,7 +84,8 @@ class Plant:
         and a figure undefined.  What the design rule reaches is the target.  Without a
         judge the gains' relative errors are the figures.
     figures : dict
-        The figures' names to the errors that count as one, or to a `Figure`.
+        The figures' names to the errors that count as one, or to a `Figure`; without a
+        judge the gains' names to relative errors, 0.3 by default.
     target : tuple of float, optional
         The figures that the design rule aims at, where these are the same for every plant.
     coordinates : Coordinates
