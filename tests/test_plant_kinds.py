@@ -9,6 +9,7 @@ import yawrate_env  # noqa: F401, registers
 from tuners import plants
 from tuners.compressors.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
+from tuners.plants import data
 from tuners.plants.black_box import suited_to_any_input
 from tuners.plants.bound import cramer_rao
 from tuners.plants.data import recorded
@@ -134,6 +135,27 @@ def test_any_input_is_answered(various):
     block = recorded(various.plant, "test", 0, 1)
     result = various.tune(block.u[0], block.y[0])
     assert result.trusted and result.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("samples", "amplitude", "sigma", "most"),
+    [(1000, 1.0, SIGMA, 2), (2500, 1.0, SIGMA, 2), (500, 3.0, SIGMA, 1), (500, 1.0, SIGMA / 10, 1)],
+    ids=["longer", "much longer", "stronger", "quieter"],
+)
+def test_a_recording_that_says_more_is_answered_nearly_as_well(
+    various, samples, amplitude, sigma, most
+):
+    plant, words = various.plant, np.arange(1, 65, dtype=np.uint64)
+    theta, rng = data.sample(plant, 64), np.random.default_rng(0)
+    right = plant.oracle(theta)
+
+    def error(N, a, s):
+        u = a * prbs(N, TS, 0.5, 1.0, order=RANDOM_ORDER, start=words)
+        y = simulate(theta, u, None) + s * rng.standard_normal(u.shape)
+        return np.median(np.abs(various.gains(u, y) / right - 1), axis=0)
+
+    usual = error(500, 1.0, SIGMA)
+    assert (error(samples, amplitude, sigma) < most * usual).all()
 
 
 def test_a_start_in_mid_drive_is_found_where_responses_add_up(linear):

@@ -12,8 +12,9 @@ regularised least squares of system identification (Chen, Ohlsson and Ljung, 201
 simulator for a kernel: functions may be many, and what the input did not excite is taken
 from the prior.
 
-Directions that noise hides are left out, and ``s^2`` is that of the simulations: a longer or
-quieter recording then gives nearly the same features, and what the learner knows of them holds.
+The learner knows features that are drawn to the prior as much as the simulated ones are.  So
+directions that noise hides are left out, and ``s^2`` is that of the simulations: a stronger or
+quieter recording is answered as well as usual, a longer one with up to twice the usual error.
 """
 
 from dataclasses import dataclass
