@@ -18,7 +18,7 @@ onnx      the same, ``features=True``     one graph, from features to gains
 
 A frequency response made of Laguerre coefficients is as good as these, and so are they where the
 prior regularises them.  Where every episode has an input of its own, ``onnx`` is the last line
-alone, and ``c`` takes as many samples as an episode has, or fewer.
+alone.
 """
 
 import os
