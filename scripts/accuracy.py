@@ -15,11 +15,11 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import arguments
 import tuners
-from tuners import arguments
-from tuners.progress import Bars
-from tuners.studies import accuracy_page, budget, learning, million, ratios, readme, trusting
-from tuners.studies.plots import save
+from studies import accuracy_page, budget, learning, million, ratios, readme, trusting
+from studies.plots import save
+from tuners.cli.progress import Bars
 from yawrate_env.files import write_text
 
 
@@ -49,7 +49,7 @@ def of_budget(args: argparse.Namespace, path: Path, bars: Bars) -> str:
 
 
 def of_learning(args: argparse.Namespace, path: Path, bars: Bars) -> str:
-    from tuners.studies import learning_plot
+    from studies import learning_plot
 
     rows = learning.learn(
         path, args.vehicles or learning.VEHICLES, args.episodes or 1500, progress=bars

@@ -10,10 +10,10 @@ import argparse
 import json
 from pathlib import Path
 
-from tuners import arguments
-from tuners.benchmark import page, stages, stopwatch
-from tuners.progress import Bars
-from tuners.studies import plots
+import arguments
+from benchmarks import page, stages, stopwatch
+from studies import plots
+from tuners.cli.progress import Bars
 from yawrate_env.files import write_text
 
 

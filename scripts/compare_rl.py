@@ -9,9 +9,9 @@ Trained agents are kept in runs/rl and found again; results go to results/ and f
 import argparse
 from pathlib import Path
 
-from tuners import arguments
-from tuners.progress import Bars
-from tuners.studies import comparison, curve_plots, plots
+import arguments
+from studies import comparison, curve_plots, plots
+from tuners.cli.progress import Bars
 
 AGENTS = ("sac-laguerre", "sac-armax", "td3-laguerre", "ppo-laguerre")
 

@@ -10,9 +10,9 @@ import argparse
 import json
 from pathlib import Path
 
-from tuners import arguments
-from tuners.progress import Bars
-from tuners.studies import dataset_scale, plots
+import arguments
+from studies import dataset_scale, plots
+from tuners.cli.progress import Bars
 from yawrate_env.files import write_text
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000)

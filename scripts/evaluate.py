@@ -6,12 +6,13 @@ python scripts/evaluate.py --tuner ts-ff --policy my.agent:make --sb3 model.zip 
 
 import argparse
 
+import arguments
 import tuners
-from tuners import arguments, policies
-from tuners.evaluation import evaluate, write_csv
-from tuners.progress import Bars
-from tuners.studies.table import row, to_markdown
-from yawrate_env.contexts import CONTEXT_SETS, context_set
+from studies.table import row, to_markdown
+from tuners.agents import policies
+from tuners.cli.progress import Bars
+from tuners.tuner.evaluation import evaluate, write_csv
+from yawrate_env.vehicle.contexts import CONTEXT_SETS, context_set
 
 
 def main() -> None:

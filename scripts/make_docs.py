@@ -18,7 +18,7 @@ import gymnasium
 from tuners.cli import COMMANDS
 from tuners.cli import main as yawrate
 from yawrate_env import ENV_ID
-from yawrate_env.env import PITuningEnv
+from yawrate_env.env.yaw_rate_env import PITuningEnv
 
 PAGE = """\
 <!-- Written by scripts/make_docs.py from the docstring of PITuningEnv: edit that. -->

@@ -13,8 +13,8 @@ from pathlib import Path
 import control
 import numpy as np
 
-from yawrate_env.excitation import prbs
-from yawrate_env.vehicle import Context, Vehicle, state_space
+from yawrate_env.signals.excitation import prbs
+from yawrate_env.vehicle.single_track import Context, Vehicle, state_space
 
 MU_S, M_DELTA, V_X = 0.8, 120.0, 18.0
 FINE, EVERY = 0.001, 10

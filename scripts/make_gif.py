@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 from PIL import Image
 
-from yawrate_env.env import PITuningEnv
+from yawrate_env.env.yaw_rate_env import PITuningEnv
 
 VEHICLES = [(0.45, 280.0), (1.1, 20.0), (0.6, 180.0), (0.9, 80.0)]  # mu_s, M_delta [kg]
 MIDDLE = (0.7, 150.0)

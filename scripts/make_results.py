@@ -8,11 +8,12 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+import arguments
 import tuners
-from tuners import arguments, policies
-from tuners.progress import Bars
-from tuners.studies import results_page, scoreboard
-from yawrate_env.env import PITuningEnv
+from studies import results_page, scoreboard
+from tuners.agents import policies
+from tuners.cli.progress import Bars
+from yawrate_env.env.yaw_rate_env import PITuningEnv
 
 
 def main() -> None:

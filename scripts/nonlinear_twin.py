@@ -6,9 +6,9 @@ python scripts/nonlinear_twin.py             # results/nonlinear.* and figures/,
 import argparse
 from pathlib import Path
 
-from tuners import arguments
-from tuners.progress import Bars
-from tuners.studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
+import arguments
+from studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
+from tuners.cli.progress import Bars
 from yawrate_env.files import write_text
 
 

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+import arguments
 import tuners
-from tuners import arguments
-from tuners.progress import Bars
-from tuners.studies import off_design, off_design_page, pictures, plots, schedule, schedule_page
-from yawrate_env.task import Task
+from studies import off_design, off_design_page, pictures, plots, schedule, schedule_page
+from tuners.cli.progress import Bars
+from yawrate_env.vehicle.task import Task
 
 NAMES = ("ts-gbm", "ts-ff", "ts-gbm-lag", "ts-ff-lag", "ts-ff-lag-vx", "gb", "rl")
 EDGES = [10.0, 13.0, 16.0, 19.0, 22.0, 25.0, 28.0, 31.0, 33.0]

@@ -6,9 +6,9 @@ python scripts/reproduce_paper.py            # results/ and figures/, about two 
 import argparse
 from pathlib import Path
 
-from tuners import arguments
-from tuners.progress import Bars
-from tuners.studies import paper, readme
+import arguments
+from studies import paper, readme
+from tuners.cli.progress import Bars
 
 
 def main() -> None:

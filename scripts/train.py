@@ -10,12 +10,13 @@ from functools import partial
 from pathlib import Path
 
 import tuners
-from tuners import arguments, plants, rl
-from tuners.calibration import EPISODES, calibrate
+from tuners import arguments, plants
+from tuners.agents import rl_tuner as rl
 from tuners.cli.plant import accuracy
-from tuners.compressors import BY_NAME
-from tuners.plants.training import CALIBRATION
-from tuners.progress import Bars
+from tuners.cli.progress import Bars
+from tuners.features import BY_NAME
+from tuners.trust.vehicle_calibration import EPISODES, calibrate
+from tuners.tuner.training import CALIBRATION
 
 
 def main() -> None:
@@ -60,7 +61,7 @@ def main() -> None:
 
 
 def agent_for_plant(args: argparse.Namespace, bars: Bars) -> plants.PlantTuner:
-    from tuners import rl_training
+    from tuners.agents import training as rl_training
 
     return rl_training.train_plant(
         args.plant, settings(args), log=args.log, checkpoint=args.checkpoint,
@@ -69,7 +70,7 @@ def agent_for_plant(args: argparse.Namespace, bars: Bars) -> plants.PlantTuner:
 
 
 def agent_for_vehicles(args: argparse.Namespace, bars: Bars) -> rl.RLTuner:
-    from tuners import rl_training
+    from tuners.agents import training as rl_training
 
     (*_, (_, tuner)) = rl_training.train(
         args.env_kwargs,

@@ -5,14 +5,14 @@ import numpy as np
 
 from tuners.logs import Log
 from tuners.logs.excitation import check
-from tuners.result import Check, Interval, TuningResult, TwinFit
-from yawrate_env.design import Status
-from yawrate_env.episode import plants
-from yawrate_env.excitation import prbs
-from yawrate_env.judge import Judge
-from yawrate_env.simulation import simulate
-from yawrate_env.task import Task
-from yawrate_env.vehicle import Context, Vehicle, state_space
+from tuners.tuner.result import Check, Interval, TuningResult, TwinFit
+from yawrate_env.loop.design import Status
+from yawrate_env.loop.simulation import simulate
+from yawrate_env.signals.excitation import prbs
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context, Vehicle, state_space
+from yawrate_env.vehicle.task import Task
 
 PAPER = Vehicle()
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from tuners import plants
-from tuners.compressors.laguerre import Laguerre
-from yawrate_env.excitation import prbs
+from tuners.features.laguerre import Laguerre
+from yawrate_env.signals.excitation import prbs
 
 TS, TAU, SIGMA = 0.02, 0.3, 0.02
 U = prbs(500, TS, 0.5, 1.0)[0]

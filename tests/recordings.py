@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tuners.recording import Recording
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.episode import Draw, record
-from yawrate_env.task import Experiment, Prior, Task
+from tuners.tuner.recording import Recording
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.episode import Draw, record
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 ROOT = Path(__file__).parents[1]
 

@@ -12,11 +12,11 @@ import control
 import numpy as np
 
 from yawrate_env.batch import take
-from yawrate_env.discretisation import DiscretePlant
-from yawrate_env.episode import plants
-from yawrate_env.loop import Margins, TransferFunction, margins, open_loop
-from yawrate_env.task import Target
-from yawrate_env.vehicle import Context, Vehicle, state_space
+from yawrate_env.loop.discretisation import DiscretePlant
+from yawrate_env.loop.margins import Margins, TransferFunction, margins, open_loop
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.single_track import Context, Vehicle, state_space
 
 CASES = [(form, delay) for form in ("pi", "printed") for delay in (0, 1, 3)]
 

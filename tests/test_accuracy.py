@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import tuners
-from tuners.evaluation import evaluate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.task import Task
+from tuners.tuner.evaluation import evaluate
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.task import Task
 
 # Standard deviation of phase margin [deg] and crossover [Hz], and how far the mean of the
 # phase margin may lie from 60 deg; that of the crossover lies within 0.005 Hz of 1.5.

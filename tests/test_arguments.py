@@ -5,9 +5,9 @@ import os
 
 import pytest
 
-from tuners import arguments
-from yawrate_env.nonlinear import NonlinearTwin, Tyre
-from yawrate_env.task import Task
+import arguments
+from yawrate_env.vehicle.nonlinear import NonlinearTwin, Tyre
+from yawrate_env.vehicle.task import Task
 
 
 @pytest.mark.parametrize("text, value", [("1", 1), ("1500", 1500), ("2e3", 2000), ("4.0", 4)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tuners.compressors.armax import (
+from tuners.features.armax import (
     _COST,
     _EDGE,
     _GRADIENT,
@@ -21,7 +21,7 @@ from tuners.compressors.armax import (
     cost,
     simulated,
 )
-from yawrate_env.excitation import prbs
+from yawrate_env.signals.excitation import prbs
 
 REFERENCE = np.load(Path(__file__).parent / "references" / "armax_reference.npz")
 RATES = {"1khz": 1, "100hz": 10}  # averaged over so many samples

@@ -4,8 +4,9 @@ import numpy as np
 from systems import contexts
 
 from yawrate_env.batch import concatenate, replaced, take
-from yawrate_env.episode import Draw, stream
-from yawrate_env.task import Prior
+from yawrate_env.signals.streams import stream
+from yawrate_env.vehicle.episode import WORDS, Draw
+from yawrate_env.vehicle.task import Prior
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ def test_take_reaches_nested_records_and_keeps_what_is_no_array():
 
 
 def test_concatenate_undoes_taking_apart():
-    whole = Draw.of(stream(0, 0, 7), Prior())
+    whole = Draw.of(stream(0, 0, 7, WORDS), Prior())
     again = concatenate([take(whole, slice(0, 3)), take(whole, slice(3, 7))])
     np.testing.assert_array_equal(again.key, whole.key)
     np.testing.assert_array_equal(again.start, whole.start)

@@ -5,15 +5,15 @@ import pytest
 from matplotlib.figure import Figure
 from recordings import drawn, recorded
 
-from tuners.benchmark import page, rivals, stages
-from tuners.benchmark.stopwatch import Contender, race
-from tuners.compressors.laguerre import Laguerre
-from tuners.identification import identify
-from tuners.tuner import nominal_context
-from yawrate_env.episode import plants
-from yawrate_env.simulation import simulate
-from yawrate_env.task import Prior, Task
-from yawrate_env.vehicle import Vehicle
+from benchmarks import page, rivals, stages
+from benchmarks.stopwatch import Contender, race
+from tuners.features.laguerre import Laguerre
+from tuners.trust.vehicle_identification import identify
+from tuners.tuner.tuner import nominal_context
+from yawrate_env.loop.simulation import simulate
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.single_track import Vehicle
+from yawrate_env.vehicle.task import Prior, Task
 
 
 def test_contenders_take_turns_and_the_first_is_compared_with_all():

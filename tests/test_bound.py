@@ -4,22 +4,23 @@ import numpy as np
 import pytest
 from recordings import drawn
 
-from tuners.bound import (
+from tuners.trust.vehicle_bound import (
     cramer_rao,
     information,
     margin_sensitivity,
     posterior_spread,
     truncated_covariance,
 )
-from tuners.gray_box import GrayBox
-from tuners.recording import Recording
+from tuners.tuner.gray_box import GrayBox
+from tuners.tuner.recording import Recording
 from yawrate_env.batch import take
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.episode import Draw, excitation, plants, record
-from yawrate_env.judge import Judge
-from yawrate_env.simulation import simulate
-from yawrate_env.task import Experiment, Prior, Target, Task
-from yawrate_env.vehicle import Context, Vehicle
+from yawrate_env.loop.simulation import simulate
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.episode import Draw, excitation, plants, record
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context, Vehicle
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 
 def moved(context, by_mu_s, by_M_delta):

@@ -19,13 +19,13 @@ import tuners
 from tuners import data
 from tuners.catalogue import shipped
 from tuners.cli import COMMANDS, main
-from tuners.compressors import compressor
-from tuners.forms import Forms
+from tuners.export.forms import Forms
+from tuners.features import compressor
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.stages import Recipe
-from tuners.vehicle_file import example as paper
-from yawrate_env.excitation import prbs
-from yawrate_env.task import Target
+from tuners.tuner.stages import Recipe
+from yawrate_env.loop.target import Target
+from yawrate_env.signals.excitation import prbs
+from yawrate_env.vehicle.vehicle_file import example as paper
 
 EXAMPLE = ROOT / "examples" / "log.csv"
 UNUSABLE, WRONG, UNTRUSTED = 1, 2, 3
@@ -81,7 +81,7 @@ def test_json_has_no_numbers_that_json_has_not(answering, monkeypatch):
     answering(fitted=False)
     result, log, task = answer(fitted=False)
     from tuners.cli.answer import as_json
-    from tuners.result import Interval
+    from tuners.tuner.result import Interval
 
     object.__setattr__(result, "phase_margin", Interval(np.nan, -np.inf, np.inf))
     found = json.loads(json.dumps(as_json(result, log, task, "gb"), allow_nan=False))
@@ -133,7 +133,7 @@ def test_the_answer_is_there_even_if_the_report_cannot_be_written(answering, mon
         raise OSError(28, "No space left on device", "out.html")
 
     answering()
-    monkeypatch.setattr("tuners.report.write_report", full)
+    monkeypatch.setattr("tuners.cli.report.write_report", full)
     code, out, err = call("tune", EXAMPLE, "--report", tmp_path / "out.html")
     assert code == UNUSABLE and "kp            0.1506 s" in out
     assert err == "error: [Errno 28] No space left on device: 'out.html'\n"
@@ -500,7 +500,7 @@ def test_the_command_starts_light():
 def test_reading_a_log_is_light():
     loaded = modules_after(
         "from pathlib import Path; from tuners.logs import Options, read_log; "
-        "from yawrate_env.task import Task; "
+        "from yawrate_env.vehicle.task import Task; "
         "read_log(Path('examples/log.csv'), Task(), Options())"
     )
     assert "pyarrow" in loaded

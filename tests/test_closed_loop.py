@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from systems import CASES, control_controller, control_plants, random_loops
 
-from yawrate_env.closed_loop import poles, stable, time_response
-from yawrate_env.design import design
+from yawrate_env.loop.closed_loop import poles, stable, time_response
+from yawrate_env.loop.design import design
 
 IDS = [f"{form}-delay{delay}" for form, delay in CASES]
 

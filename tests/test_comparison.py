@@ -9,12 +9,14 @@ import torch
 from matplotlib.figure import Figure
 from scipy.stats import trim_mean
 
-from tuners import palette, rl, rl_training
-from tuners.evaluation import Evaluation
-from tuners.studies import comparison, curve_plots, plots
-from tuners.studies.comparison import Score, curve, interquartile_mean, interval
-from yawrate_env.task import Task
-from yawrate_env.vehicle import Context
+from studies import comparison, curve_plots, plots
+from studies.comparison import Score, curve, interquartile_mean, interval
+from tuners.agents import rl_tuner as rl
+from tuners.agents import training as rl_training
+from tuners.cli.report import palette
+from tuners.tuner.evaluation import Evaluation
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Task
 
 
 def made(name="sac", episodes=1000, seed=0, error=0.1, std=0.5, seconds=9.0):

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from yawrate_env.contexts import CONTEXT_SETS, context_set
-from yawrate_env.task import Prior
+from yawrate_env.vehicle.contexts import CONTEXT_SETS, context_set
+from yawrate_env.vehicle.task import Prior
 
 PRIOR = Prior(v_x=(10.0, 33.0))
 

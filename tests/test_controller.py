@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from yawrate_env.controller import coefficients, gains, response
-from yawrate_env.task import CONTROLLERS, Target
+from yawrate_env.loop.controller import coefficients, gains, response
+from yawrate_env.loop.target import CONTROLLERS, Target
 
 KP = st.floats(1e-3, 10.0)
 TI = st.floats(1e-3, 100.0)

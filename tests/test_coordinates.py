@@ -5,13 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tuners.coordinates import COORDINATES, decode, encode
-from yawrate_env.controller import gains
-from yawrate_env.design import LEAST_LAG, Status
-from yawrate_env.interaction import KP_RANGE, TI_RANGE
-from yawrate_env.judge import Judge
-from yawrate_env.task import CONTROLLERS, Target, Task
-from yawrate_env.vehicle import Context
+from tuners.tuner.coordinates import COORDINATES, decode, encode
+from yawrate_env.env.interaction import KP_RANGE, TI_RANGE
+from yawrate_env.loop.controller import gains
+from yawrate_env.loop.design import LEAST_LAG, Status
+from yawrate_env.loop.target import CONTROLLERS, Target
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Task
 
 exponents = [st.floats(*np.log10(bounds)) for bounds in (KP_RANGE, TI_RANGE)]
 

@@ -16,19 +16,20 @@ import psutil
 import pyarrow.parquet as pq
 import pytest
 
-from tuners.compressors.armax import Armax
-from tuners.compressors.laguerre import Laguerre
 from tuners.data import DatasetError, generate, shards, verify, workers
 from tuners.data.manifest import Configuration, Manifest, Shard, shard_size
-from tuners.plants.coordinates import loop
-from tuners.plants.data import examples
+from tuners.features.armax import Armax
+from tuners.features.laguerre import Laguerre
 from tuners.yaw_rate import yaw_rate
 from yawrate_env import files
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.design import Status
-from yawrate_env.episode import record
-from yawrate_env.judge import Judge
-from yawrate_env.task import Experiment, Prior, Target, Task
+from yawrate_env.loop.design import Status
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.episodes import examples
+from yawrate_env.plant.parametrisation import loop
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.episode import record
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 TRAIN = CONTEXT_SETS["train"]
 # Short episodes, and a target that some of the vehicles cannot reach.

@@ -9,12 +9,12 @@ from first_order import plant as first_order
 
 from tuners.data import BEHAVIOURS, DatasetError, export_minari
 from tuners.data.minari_export import _buffers
-from tuners.plants.data import recorded
 from yawrate_env import ENV_ID, FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.design import Status
-from yawrate_env.judge import Judge
-from yawrate_env.task import Experiment, Prior, Task
+from yawrate_env.loop.design import Status
+from yawrate_env.plant.episodes import recorded
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 SHORT = {"Ts": 0.01, "N": 1000}
 TASK = Task(experiment=Experiment(**SHORT))

@@ -19,17 +19,17 @@ from test_data_generation import TASK, cluster, contents, environment
 from test_data_generation import made as of_vehicles
 
 from tuners import data, plants
-from tuners.compressors.laguerre import Laguerre
 from tuners.data import DatasetError, Folder, generate, load_gains, shards, verify
 from tuners.data.manifest import Configuration, Shard
+from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
-from tuners.plants import fingerprint
-from tuners.plants.data import examples, recorded
-from tuners.stages import Recipe
-from tuners.vehicle_file import example as paper
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.excitation import prbs
+from tuners.tuner.stages import Recipe
+from yawrate_env.plant import fingerprint
+from yawrate_env.plant.episodes import examples, recorded
+from yawrate_env.signals.excitation import prbs
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.vehicle_file import example as paper
 
 torch.set_num_threads(1)
 

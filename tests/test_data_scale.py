@@ -9,8 +9,8 @@ import pytest
 from recordings import ROOT
 from test_imports import imported_names, modules_after
 
-from tuners.studies import dataset_scale
-from tuners.studies.dataset_scale import Size
+from studies import dataset_scale
+from studies.dataset_scale import Size
 
 SIZES = [Size(n, 2.0 + 1e-4 * n, 500.0, 120.0, 0.0) for n in (1000, 10_000, 100_000)]
 

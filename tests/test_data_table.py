@@ -5,8 +5,8 @@ import pytest
 from test_data_generation import EPISODES, STAGE, TASK, made
 
 from tuners.data import load_gains
-from tuners.plants.data import examples
 from tuners.yaw_rate import yaw_rate
+from yawrate_env.plant.episodes import examples
 
 
 @pytest.fixture(scope="module")

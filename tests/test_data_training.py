@@ -10,17 +10,18 @@ from recordings import ROOT
 import tuners
 from tuners import data
 from tuners.catalogue import RECIPES
-from tuners.compressors.laguerre import Laguerre
 from tuners.data import DatasetError, generate, shards
 from tuners.data.training import Part
+from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
-from tuners.plants.coordinates import loop
-from tuners.plants.data import examples
-from tuners.stages import trains
+from tuners.tuner.stages import trains
 from tuners.yaw_rate import yaw_rate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.task import Experiment, Target, Task
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.episodes import examples
+from yawrate_env.plant.parametrisation import loop
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.task import Experiment, Task
 
 torch.set_num_threads(1)
 

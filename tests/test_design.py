@@ -5,12 +5,12 @@ from hypothesis import strategies as st
 from systems import contexts
 
 from yawrate_env.batch import take
-from yawrate_env.design import Status, design, design_from_response, required_response
-from yawrate_env.discretisation import zoh
-from yawrate_env.episode import plants
-from yawrate_env.loop import TransferFunction, margins, open_loop
-from yawrate_env.task import CONTROLLERS, Target
-from yawrate_env.vehicle import Vehicle
+from yawrate_env.loop.design import Status, design, design_from_response, required_response
+from yawrate_env.loop.discretisation import zoh
+from yawrate_env.loop.margins import TransferFunction, margins, open_loop
+from yawrate_env.loop.target import CONTROLLERS, Target
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.single_track import Vehicle
 
 
 def transfer_functions(target, count=200, seed=0):

@@ -12,10 +12,10 @@ import tuners
 from tuners.catalogue import shipped
 from tuners.cli import main
 from tuners.cli.tune import DEFAULT
-from tuners.vehicle_file import example
-from yawrate_env.judge import Judge
-from yawrate_env.task import Task
-from yawrate_env.vehicle import Context
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.vehicle_file import example
 
 TUNERS = ["gb", *([DEFAULT] if DEFAULT in tuners.NAMES and shipped(DEFAULT).exists() else [])]
 

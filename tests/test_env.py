@@ -12,11 +12,11 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import yawrate_env
-from yawrate_env.env import PITuningEnv
-from yawrate_env.judge import Judge
-from yawrate_env.nonlinear.env import PITuningNonlinearEnv
-from yawrate_env.task import Task
-from yawrate_env.vehicle import Context
+from yawrate_env.env.nonlinear_env import PITuningNonlinearEnv
+from yawrate_env.env.yaw_rate_env import PITuningEnv
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Task
 
 ENVIRONMENTS = {
     "yawrate/PITuning-v0": PITuningEnv,

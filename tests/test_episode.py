@@ -6,14 +6,15 @@ import scipy.stats
 from scipy.signal import max_len_seq
 
 from yawrate_env.batch import replaced, take
-from yawrate_env.episode import WORDS, Draw, excitation, plants, record, stream
-from yawrate_env.noise import standard_normal
-from yawrate_env.simulation import simulate
-from yawrate_env.task import Experiment, Prior, Task
+from yawrate_env.loop.simulation import simulate
+from yawrate_env.signals.noise import standard_normal
+from yawrate_env.signals.streams import stream
+from yawrate_env.vehicle.episode import WORDS, Draw, excitation, plants, record
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 
 def draw(task, count, root=0):
-    return Draw.of(stream(root, 0, count), task.prior)
+    return Draw.of(stream(root, 0, count, WORDS), task.prior)
 
 
 def noise_free(task, drawn):
@@ -22,7 +23,7 @@ def noise_free(task, drawn):
 
 
 def test_an_episode_is_seeded_by_its_number():
-    words = stream(7, 3, 2)
+    words = stream(7, 3, 2, WORDS)
     assert words.shape == (2, WORDS) and words.dtype == np.uint64
     for row, episode in zip(words, (3, 4), strict=True):
         seed = np.random.SeedSequence(7, spawn_key=(episode,))
@@ -30,7 +31,7 @@ def test_an_episode_is_seeded_by_its_number():
 
 
 def test_episodes_do_not_depend_on_how_they_are_split():
-    np.testing.assert_array_equal(stream(1, 5, 3), stream(1, 0, 8)[5:])
+    np.testing.assert_array_equal(stream(1, 5, 3, WORDS), stream(1, 0, 8, WORDS)[5:])
 
 
 def test_context_is_uniform_over_the_prior_and_independent():

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 import tuners
-from tuners.baselines import Nominal, Oracle
-from tuners.evaluation import COLUMNS, evaluate, write_csv
-from tuners.gray_box import GrayBox
-from tuners.tuner import Tuner
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.design import Design
-from yawrate_env.judge import Judge
-from yawrate_env.task import Experiment, Prior, Target, Task
-from yawrate_env.vehicle import Context
+from tuners.tuner.baselines import Nominal, Oracle
+from tuners.tuner.evaluation import COLUMNS, evaluate, write_csv
+from tuners.tuner.gray_box import GrayBox
+from tuners.tuner.tuner import Tuner
+from yawrate_env.loop.design import Design
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 TEST = CONTEXT_SETS["test"]
 
@@ -206,7 +207,7 @@ def test_seconds_are_an_episodes_share_of_its_batch(monkeypatch):
             clock.now += 6.0
             return super().gains(recording)
 
-    monkeypatch.setattr("tuners.evaluation.time", clock)
+    monkeypatch.setattr("tuners.tuner.evaluation.time", clock)
     (single,) = evaluated({"slow": Slow(SHORT)}, task=SHORT, episodes=4)
     (batch,) = evaluated({"slow": Slow(SHORT)}, task=SHORT, episodes=4, batch=3)
     assert single.seconds.tolist() == [6.0] * 4

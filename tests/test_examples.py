@@ -12,9 +12,9 @@ from recordings import ROOT
 from stable_baselines3 import SAC
 
 import yawrate_env
-from tuners.sb3_adapter import Sb3VecEnv
-from yawrate_env.reward import margin_error
-from yawrate_env.task import Target
+from tuners.agents.sb3_vec_env import Sb3VecEnv
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.reward import margin_error
 
 EXAMPLES = ROOT / "examples"
 

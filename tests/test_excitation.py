@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import max_len_seq
 
-from yawrate_env.excitation import RANDOM_ORDER, SAME_ORDER, prbs, register
+from yawrate_env.signals.excitation import RANDOM_ORDER, SAME_ORDER, prbs, register
 
 
 @pytest.mark.parametrize("order", [SAME_ORDER, RANDOM_ORDER])

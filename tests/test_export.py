@@ -14,11 +14,6 @@ from scipy.signal import lfilter
 from test_imports import modules_after
 
 import tuners
-from tuners.baselines import Nominal
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.response import FrequencyResponse
-from tuners.control_models import pi_controller
-from tuners.coordinates import decode, encode
 from tuners.export import (
     DigitalPI,
     c_source,
@@ -28,12 +23,18 @@ from tuners.export import (
     literals,
     matlab_script,
 )  # fmt: skip
+from tuners.export.control_models import pi_controller
 from tuners.export.onnx_tuner import onnx_model
+from tuners.features.laguerre import Laguerre
+from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForward, _Scaling
-from tuners.stages import Stages
-from tuners.two_stage import TwoStage
-from yawrate_env.design import Status
-from yawrate_env.task import CONTROLLERS, Experiment, Target, Task
+from tuners.tuner.baselines import Nominal
+from tuners.tuner.coordinates import decode, encode
+from tuners.tuner.stages import Stages
+from tuners.tuner.two_stage import TwoStage
+from yawrate_env.loop.design import Status
+from yawrate_env.loop.target import CONTROLLERS, Target
+from yawrate_env.vehicle.task import Experiment, Task
 
 PI = DigitalPI(0.31, 0.22, 0.01, -0.3, 0.5)
 KP, TI = st.floats(1e-3, 10.0), st.floats(1e-3, 100.0)

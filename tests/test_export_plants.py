@@ -16,24 +16,25 @@ from test_plant_kinds import registers, simulate
 
 import tuners
 from tuners import plants
-from tuners.baselines import Nominal
-from tuners.compressors.armax import Armax
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.response import FrequencyResponse
-from tuners.coordinates import decode
 from tuners.export import Gains, export, tuner_source
 from tuners.export.onnx_tuner import onnx_model
-from tuners.learners.agent import Actor, Agent
+from tuners.features.armax import Armax
+from tuners.features.laguerre import Laguerre
+from tuners.features.response import FrequencyResponse
+from tuners.learners.actor import Actor, Agent
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
-from tuners.plants import data
-from tuners.plants.black_box import suited_to_any_input
-from tuners.plants.coordinates import PLAIN
-from tuners.stages import Recipe, Stages
-from tuners.two_stage import TwoStage
-from yawrate_env.design import Status
-from yawrate_env.task import CONTROLLERS, Target, Task
+from tuners.trust.black_box import suited_to_any_input
+from tuners.tuner.baselines import Nominal
+from tuners.tuner.coordinates import decode
+from tuners.tuner.stages import Recipe, Stages
+from tuners.tuner.two_stage import TwoStage
+from yawrate_env.loop.design import Status
+from yawrate_env.loop.target import CONTROLLERS, Target
+from yawrate_env.plant import episodes as data
+from yawrate_env.plant.parametrisation import PLAIN
+from yawrate_env.vehicle.task import Task
 
 sys.path.append(str(ROOT / "examples" / "plants"))
 import dc_motor  # noqa: E402

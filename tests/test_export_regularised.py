@@ -8,8 +8,8 @@ import pytest
 from c_programs import answers, compiled, passes
 from test_export_plants import RTOL, faulty, trained
 
-from tuners.compressors.regularised import Regularised
 from tuners.export import compressor_source, export, first_stage_source, tuner_source
+from tuners.features.regularised import Regularised
 
 CASE = "regularised inputs"
 STAGE = Regularised(3, 5.0, (1.0, 0.5, 0.1), ((0.3, 0.0, 0.0), (0.0, 0.2, -0.1)), 1e-6)

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from recordings import drawn, recorded
 
-from tuners.gray_box import GrayBox
-from tuners.identification import identify, output_gram
-from tuners.recording import Recording
-from tuners.tuner import nominal_context
-from yawrate_env.episode import excitation, plants, record
-from yawrate_env.judge import Judge
-from yawrate_env.simulation import simulate
-from yawrate_env.task import Experiment, Prior, Task
-from yawrate_env.vehicle import Context, Vehicle, total_mass
+from tuners.trust.vehicle_identification import identify, output_gram
+from tuners.tuner.gray_box import GrayBox
+from tuners.tuner.recording import Recording
+from tuners.tuner.tuner import nominal_context
+from yawrate_env.loop.simulation import simulate
+from yawrate_env.vehicle.episode import excitation, plants, record
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context, Vehicle, total_mass
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 CORNERS = np.array(list(itertools.product((0.3, 0.7, 1.1), (0.0, 300.0), (10.0, 20.0, 33.0)))).T
 START = nominal_context(Prior())

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from recordings import drawn
 
-from tuners.bound import information, noise_variance
-from tuners.compressors.laguerre import Laguerre
-from tuners.studies.information import after_averaging, in_armax, in_laguerre
-from yawrate_env.episode import excitation, plants
-from yawrate_env.simulation import simulate
-from yawrate_env.task import Experiment, Task
-from yawrate_env.vehicle import Context
+from studies.information import after_averaging, in_armax, in_laguerre
+from tuners.features.laguerre import Laguerre
+from tuners.trust.vehicle_bound import information, noise_variance
+from yawrate_env.loop.simulation import simulate
+from yawrate_env.vehicle.episode import excitation, plants
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Experiment, Task
 
 
 def shares(part, whole):

@@ -5,8 +5,9 @@ import pytest
 from systems import contexts, gains
 
 from yawrate_env.batch import take
-from yawrate_env.judge import Judge
-from yawrate_env.task import Target, Task
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.task import Task
 
 TASKS = {
     "pi": Task(),

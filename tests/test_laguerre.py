@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tuners.compressors.laguerre import Laguerre
-from yawrate_env.excitation import prbs
+from tuners.features.laguerre import Laguerre
+from yawrate_env.signals.excitation import prbs
 
 TS = 0.001
 U = prbs(10_000, TS, 0.1, np.radians(1))

@@ -13,8 +13,8 @@ from tuners.logs.actuator import actuated, through_actuator
 from tuners.logs.columns import recognised
 from tuners.logs.csv_file import find_layout
 from tuners.logs.time_base import time_base
-from yawrate_env.task import Prior, Task
-from yawrate_env.vehicle import Vehicle
+from yawrate_env.vehicle.single_track import Vehicle
+from yawrate_env.vehicle.task import Prior, Task
 
 TASK = Task(prior=Prior(v_x=(10.0, 33.0)))
 TS = 0.01
@@ -376,9 +376,9 @@ def test_the_actuator_is_the_vehicles():
 @pytest.mark.parametrize("Ts", [0.001, 0.01])
 def test_measured_angles_give_the_whole_vehicle(Ts):
     """Output of the whole vehicle for the measured angle, against python-control's drive."""
-    from yawrate_env.episode import plants
-    from yawrate_env.simulation import simulate
-    from yawrate_env.vehicle import Context
+    from yawrate_env.loop.simulation import simulate
+    from yawrate_env.vehicle.episode import plants
+    from yawrate_env.vehicle.single_track import Context
 
     _, angle, yaw_rate = drive(Ts=Ts, warm_up=0.0, snr_db=200.0, seconds=8.0)
     command, filtered, fine, parts = through_actuator(angle, yaw_rate, Ts, Vehicle())

@@ -4,13 +4,13 @@ import pytest
 from systems import CASES, contexts, control_plant, random_loops
 
 from yawrate_env.batch import take
-from yawrate_env.closed_loop import poles, stable
-from yawrate_env.design import design
-from yawrate_env.discretisation import zoh
-from yawrate_env.episode import plants
-from yawrate_env.loop import TransferFunction, margins, open_loop
-from yawrate_env.task import Target
-from yawrate_env.vehicle import Vehicle
+from yawrate_env.loop.closed_loop import poles, stable
+from yawrate_env.loop.design import design
+from yawrate_env.loop.discretisation import zoh
+from yawrate_env.loop.margins import TransferFunction, margins, open_loop
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.single_track import Vehicle
 
 TS = 0.01
 

@@ -4,12 +4,12 @@ import pytest
 from recordings import recorded
 from test_imports import modules_after
 
-from tuners.control_models import pi_controller, vehicle_model
-from tuners.matlab import armax, greyest, pidtune
+from tuners.export.control_models import pi_controller, vehicle_model
+from tuners.pidtune.matlab import armax, greyest, pidtune
 from yawrate_env.batch import take
-from yawrate_env.controller import coefficients
-from yawrate_env.task import Target
-from yawrate_env.vehicle import Context, Vehicle, state_space
+from yawrate_env.loop.controller import coefficients
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.single_track import Context, Vehicle, state_space
 
 
 def test_the_pi_is_python_controls_tustin_of_a_pi():
@@ -104,4 +104,4 @@ def test_a_dead_output_has_no_vehicle():
 
 
 def test_control_is_imported_where_it_is_used():
-    assert "control" not in modules_after("import tuners.matlab, tuners.pidtune")
+    assert "control" not in modules_after("import tuners.pidtune.matlab, tuners.pidtune")

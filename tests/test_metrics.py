@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tuners.metrics import bootstrap_interval, ratio_of_rms, rms, rms_percent
+from studies.metrics import bootstrap_interval, ratio_of_rms, rms, rms_percent
 
 
 def test_rms_percent_of_a_known_example():

@@ -12,9 +12,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import tuners
-from tuners import model_file
 from tuners.catalogue import shipped
-from tuners.model_file import ModelFileError, read, write
+from tuners.tuner import tuner_file as model_file
+from tuners.tuner.tuner_file import ModelFileError, read, write
 
 SETTINGS = {"kind": "two-stage", "nested": {"numbers": [1, 2.5, None], "text": "µs"}, "flag": True}
 ARRAYS = {

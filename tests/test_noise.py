@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from yawrate_env.noise import KEY_WORDS, add_white_noise, standard_normal
+from yawrate_env.signals.noise import KEY_WORDS, add_white_noise, standard_normal
 
 LANES = 16
 WORD = 2**64 - 1

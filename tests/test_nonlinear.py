@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from systems import contexts
 
-from tuners.studies.nonlinear_reference import axle, solve
+from studies.nonlinear_reference import axle, solve
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, kernel, over_blocks
-from yawrate_env.excitation import prbs
-from yawrate_env.nonlinear import Body, Limits, NonlinearTwin, Tyre, twin_from
-from yawrate_env.nonlinear import tyre as tyres
-from yawrate_env.nonlinear.body import GRAVITY
-from yawrate_env.nonlinear.steering import PIECE, PIECES, cut
-from yawrate_env.twin import LinearTwin
-from yawrate_env.vehicle import Context, Vehicle
+from yawrate_env.signals.excitation import prbs
+from yawrate_env.vehicle.nonlinear import Body, Limits, NonlinearTwin, Tyre, twin_from
+from yawrate_env.vehicle.nonlinear import tyre as tyres
+from yawrate_env.vehicle.nonlinear.body import GRAVITY
+from yawrate_env.vehicle.nonlinear.steering import PIECE, PIECES, cut
+from yawrate_env.vehicle.single_track import Context, Vehicle
+from yawrate_env.vehicle.twin import LinearTwin
 
 TWIN = NonlinearTwin()
 CORNERS = Context.of([0.3, 0.3, 1.1, 1.1], [0.0, 300.0, 0.0, 300.0], [20.0, 33.0, 10.0, 33.0])

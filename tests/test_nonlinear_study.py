@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tuners.studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
-from tuners.studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, ORACLE, Score
+from studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
+from studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, ORACLE, Score
 from yawrate_env.batch import take
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.episode import excitation
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.episode import excitation
 
 NAMES = (LINEAR, GRAY, NONLINEAR, MISTAKEN, ORACLE)
 

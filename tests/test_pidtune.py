@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tuners.pidtune import pidtune, tuning
-from yawrate_env.design import Status, design
-from yawrate_env.discretisation import zoh
-from yawrate_env.loop import TransferFunction
-from yawrate_env.task import Target
+from yawrate_env.loop.design import Status, design
+from yawrate_env.loop.discretisation import zoh
+from yawrate_env.loop.margins import TransferFunction
+from yawrate_env.loop.target import Target
 
 TABLE = json.loads(
     (Path(__file__).parent / "references" / "pidtune_reference.json").read_text("utf-8")

@@ -14,21 +14,22 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from test_imports import modules_after
 
-from tuners import plants, rl_training
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.regularised import Regularised
-from tuners.feature_map import ActionMap
-from tuners.learners.agent import Agent
-from tuners.plants.coordinates import PLAIN
-from tuners.plants.data import recorded
-from tuners.plants.env import PlantEnv
-from tuners.plants.training import recipe_for
-from tuners.rl import ALGORITHMS, Training
-from tuners.wrappers import Compressed, LoopAction
+from tuners import plants
+from tuners.agents import training as rl_training
+from tuners.agents.feature_map import ActionMap
+from tuners.agents.rl_tuner import ALGORITHMS, Training
+from tuners.agents.wrappers import Compressed, LoopAction
+from tuners.features.laguerre import Laguerre
+from tuners.features.regularised import Regularised
+from tuners.learners.actor import Agent
+from tuners.tuner.training import recipe_for
 from tuners.yaw_rate import yaw_rate
 from yawrate_env import FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID
-from yawrate_env.excitation import prbs
-from yawrate_env.task import Experiment, Prior, Task
+from yawrate_env.env.plant_env import PlantEnv
+from yawrate_env.plant.episodes import recorded
+from yawrate_env.plant.parametrisation import PLAIN
+from yawrate_env.signals.excitation import prbs
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 PLANTS = {"plain": "first_order:plant", "measured": "first_order:gauged"}
 SHORT = {"Ts": 0.01, "N": 300}

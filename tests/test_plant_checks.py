@@ -11,13 +11,13 @@ from test_cli import UNUSABLE, refused
 
 import yawrate_env
 from tuners import data, plants
-from tuners.compressors.laguerre import Laguerre
+from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.plants import Figure, snr
-from tuners.plants.names import CHECKS, check_name
-from tuners.plants.trust import MESSAGES, _of_figures
-from tuners.stages import Recipe
-from yawrate_env.task import Task
+from tuners.trust.checks import MESSAGES, _of_figures
+from tuners.tuner.stages import Recipe
+from yawrate_env.plant.names import CHECKS, check_name
+from yawrate_env.vehicle.task import Task
 
 QUICK = Recipe(Laguerre(6, 2.0), FeedForwardSettings(neurons=4, epochs=5))
 

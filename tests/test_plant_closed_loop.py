@@ -9,12 +9,13 @@ import pytest
 from first_order import TAU, described, plant
 from test_report import Checked
 
+from tuners.cli.report import figures, loops
 from tuners.plants import ClosedLoop, OpenLoop, Response
-from tuners.plants.pi_loop import PILoop
-from tuners.report import figures, loops
 from tuners.yaw_rate import yaw_rate
-from yawrate_env.loop import Margins
-from yawrate_env.task import Target, Task
+from yawrate_env.loop.margins import Margins
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.pi_loop import PILoop
+from yawrate_env.vehicle.task import Task
 
 TARGET = Target(phase_margin=50.0, crossover=1.0, Ts=0.02, delay_samples=1)
 LOOP = PILoop.of(

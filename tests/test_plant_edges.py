@@ -12,21 +12,22 @@ from recordings import recorded as driven
 import tuners
 import yawrate_env
 from tuners import data, plants
-from tuners.calibration import calibrate
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.regularised import Regularised
-from tuners.compressors.response import FrequencyResponse
+from tuners.features.laguerre import Laguerre
+from tuners.features.regularised import Regularised
+from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.trend import TrendSettings
-from tuners.model_file import ModelFileError
-from tuners.plants.data import recorded
-from tuners.plants.training import recipe_for
-from tuners.plants.trust import conformal
-from tuners.recording import Recording
-from tuners.stages import Recipe
+from tuners.trust.checks import conformal
+from tuners.trust.vehicle_calibration import calibrate
+from tuners.tuner.recording import Recording
+from tuners.tuner.stages import Recipe
+from tuners.tuner.training import recipe_for
+from tuners.tuner.tuner_file import ModelFileError
 from tuners.yaw_rate import yaw_rate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.task import Prior, Target, Task
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.episodes import recorded
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.task import Prior, Task
 
 QUICK = Recipe(Laguerre(8, 2.0), FeedForwardSettings(neurons=6, epochs=40), noise_draws=2)
 

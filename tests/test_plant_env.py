@@ -16,7 +16,7 @@ from test_imports import modules_after
 import yawrate_env
 from tuners.cli import main
 from tuners.plants import Coordinates
-from tuners.plants.env import PlantEnv, action_space
+from yawrate_env.env.plant_env import PlantEnv, action_space
 
 ENTRY = "first_order:plant"
 

@@ -7,16 +7,16 @@ from first_order import SIGMA, TAU, TS, U, by_one, described, design, slopes
 
 import yawrate_env  # noqa: F401, registers
 from tuners import plants
-from tuners.compressors.laguerre import Laguerre
+from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.plants import data
-from tuners.plants.black_box import suited_to_any_input
-from tuners.plants.bound import cramer_rao
-from tuners.plants.data import recorded
-from tuners.plants.evaluation import GRAY_BOX, TUNER, compare
-from tuners.plants.identification import identify
-from tuners.stages import Recipe
-from yawrate_env.excitation import RANDOM_ORDER, prbs
+from tuners.trust.black_box import suited_to_any_input
+from tuners.trust.bound import cramer_rao
+from tuners.trust.identification import identify
+from tuners.tuner.plant_evaluation import GRAY_BOX, TUNER, compare
+from tuners.tuner.stages import Recipe
+from yawrate_env.plant import episodes as data
+from yawrate_env.plant.episodes import recorded
+from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
 
 LONG = prbs(3000, TS, 0.5, 1.0)[0]
 QUICK = Recipe(Laguerre(8, 2.0), FeedForwardSettings(neurons=6, epochs=60), noise_draws=2)

@@ -18,13 +18,13 @@ import tuners
 from tuners import logs, plants
 from tuners.cli import main
 from tuners.cli.grouped import PLANT, VEHICLE, Flag
-from tuners.compressors.laguerre import Laguerre
+from tuners.cli.report import render_plant
+from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.plants.log import PlantOptions, read_log
-from tuners.report import render_plant
-from tuners.stages import Recipe
+from tuners.logs.plant_log import PlantOptions, read_log
+from tuners.tuner.stages import Recipe
 from tuners.yaw_rate import yaw_rate
-from yawrate_env.task import Experiment, Prior, Task
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 K, T = 1.25, 0.5
 FEW = Recipe(

@@ -7,21 +7,23 @@ import numpy as np
 import pytest
 
 import tuners
-from tuners import bound, plants
-from tuners.compressors.laguerre import Laguerre
+from tuners import plants
+from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.plants.black_box import black_box, functions_for
-from tuners.plants.bound import cramer_rao
-from tuners.plants.data import recorded, sample
-from tuners.plants.fit import fit
-from tuners.plants.pi_loop import PILoop
-from tuners.recording import Recording
+from tuners.trust import vehicle_bound as bound
+from tuners.trust.black_box import black_box, functions_for
+from tuners.trust.bound import cramer_rao
+from tuners.trust.fit import fit
+from tuners.tuner.recording import Recording
 from tuners.yaw_rate import context_of, theta_of, yaw_rate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.episode import record
-from yawrate_env.excitation import prbs
-from yawrate_env.judge import Judge
-from yawrate_env.task import Experiment, Prior, Target, Task
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.episodes import recorded, sample
+from yawrate_env.plant.pi_loop import PILoop
+from yawrate_env.signals.excitation import prbs
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.episode import record
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 TARGET = Target(phase_margin=50.0, crossover=1.0, Ts=0.02)
 TASK = Task(experiment=Experiment(Ts=0.004, N=2500))

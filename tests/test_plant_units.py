@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from tuners.logs import UNITS, Choice, LogError, SelectionError, units
 from tuners.logs.columns import SPELLINGS
+from tuners.logs.plant_log import PlantOptions, read_log
 from tuners.logs.units import UnitError, alike, conversion, stated
-from tuners.plants.log import PlantOptions, read_log
 
 Y = simulate(np.array([[1.25, 0.5]]), U, None)[0] + 0.01
 DRIVEN = described(

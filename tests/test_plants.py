@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 from first_order import SIGMA, TAU, U, by_one, described, design, plant, simulate, slopes
 
-from tuners import model_file, plants
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.response import FrequencyResponse
+from tuners import plants
+from tuners.features.laguerre import Laguerre
+from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
-from tuners.model_file import ModelFileError
-from tuners.plants.black_box import black_box, functions_for, suited
-from tuners.plants.bound import cramer_rao, parameter_covariance
-from tuners.plants.data import episodes, recorded, sample
-from tuners.plants.entry import home
-from tuners.plants.evaluation import GRAY_BOX, NOMINAL, ORACLE, TUNER, compare
-from tuners.plants.fit import fit
-from tuners.plants.identification import identify
-from tuners.stages import Recipe
+from tuners.trust.black_box import black_box, functions_for, suited
+from tuners.trust.bound import cramer_rao, parameter_covariance
+from tuners.trust.fit import fit
+from tuners.trust.identification import identify
+from tuners.tuner import tuner_file as model_file
+from tuners.tuner.plant_evaluation import GRAY_BOX, NOMINAL, ORACLE, TUNER, compare
+from tuners.tuner.stages import Recipe
+from tuners.tuner.tuner_file import ModelFileError
+from yawrate_env.plant.entry import home
+from yawrate_env.plant.episodes import episodes, recorded, sample
 
 FEW = Recipe(
     Laguerre(8, 2.0), FeedForwardSettings(neurons=8, epochs=200, max_fail=20), noise_draws=4

@@ -9,8 +9,8 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.path import Path
 
-from tuners import palette
-from tuners.studies import plots
+from studies import plots
+from tuners.cli.report import palette
 
 NAMES = ("gb", "ts-ff", "ts-gbm")
 TIME = 0.01 * np.arange(400)
@@ -111,7 +111,7 @@ def test_a_save_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
 
 
 def test_pyplot_is_not_imported():
-    program = "import sys, tuners.studies.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
+    program = "import sys, studies.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 

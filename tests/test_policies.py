@@ -10,13 +10,13 @@ import pytest
 from test_scripts import run
 
 import tuners
-from tuners import policies
-from tuners.evaluation import evaluate
-from tuners.recording import Recording
-from yawrate_env import interaction
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.env import PITuningEnv
-from yawrate_env.episode import record
+from tuners.agents import policies
+from tuners.tuner.evaluation import evaluate
+from tuners.tuner.recording import Recording
+from yawrate_env.env import interaction
+from yawrate_env.env.yaw_rate_env import PITuningEnv
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.episode import record
 
 FEATURES = "yawrate/PITuningFeatures-v0"
 SHORT = {"N": 500}

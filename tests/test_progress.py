@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from tuners.cli.progress import Bars
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.progress import Bars
 
 
 def test_every_stage_has_a_bar_that_ends(capsys):

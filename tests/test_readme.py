@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tuners.studies.readme import updated
+from studies.readme import updated
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()

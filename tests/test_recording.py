@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recordings import observations, recorded
 
-from tuners.recording import Recording
-from yawrate_env.task import Experiment
+from tuners.tuner.recording import Recording
+from yawrate_env.vehicle.task import Experiment
 
 GOOD = np.zeros(5)
 

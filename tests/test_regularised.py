@@ -6,10 +6,10 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from tuners import compressors
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.regularised import Regularised, regularised
-from yawrate_env.excitation import prbs
+from tuners import features as compressors
+from tuners.features.laguerre import Laguerre
+from tuners.features.regularised import Regularised, regularised
+from yawrate_env.signals.excitation import prbs
 
 TS, FUNCTIONS = 0.02, Laguerre(12, 3.0)
 WORDS = np.arange(1, 7, dtype=np.uint64)

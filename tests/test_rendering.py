@@ -12,12 +12,12 @@ from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import yawrate_env  # noqa: F401
-from yawrate_env.env import PITuningEnv
-from yawrate_env.judge import Judge
-from yawrate_env.rendering import figure, pixels
-from yawrate_env.task import Task
-from yawrate_env.vehicle import Context
-from yawrate_env.window import Window
+from yawrate_env.env.rendering import figure, pixels
+from yawrate_env.env.window import Window
+from yawrate_env.env.yaw_rate_env import PITuningEnv
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Task
 
 ROOT = Path(__file__).parents[1]
 SHAPE = (640, 1000, 3)

@@ -11,13 +11,13 @@ from recordings import recorded
 from systems import control_controller, control_plant
 
 import tuners
-from tuners.report import render
-from tuners.report.page import CHECKS
-from tuners.report.residuals import autocorrelation, cross_correlation
-from tuners.result import Check
+from tuners.cli.report import render
+from tuners.cli.report.page import CHECKS
+from tuners.cli.report.residuals import autocorrelation, cross_correlation
+from tuners.tuner.result import Check
 from tuners.yaw_rate import theta_of, yaw_rate
-from yawrate_env.task import Task
-from yawrate_env.vehicle import Context, Vehicle
+from yawrate_env.vehicle.single_track import Context, Vehicle
+from yawrate_env.vehicle.task import Task
 
 
 @pytest.fixture(scope="module")

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from recordings import recorded
 
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.response import FrequencyResponse
-from tuners.recording import Recording
-from yawrate_env.episode import plants
-from yawrate_env.loop import TransferFunction
-from yawrate_env.simulation import simulate
-from yawrate_env.task import Task
+from tuners.features.laguerre import Laguerre
+from tuners.features.response import FrequencyResponse
+from tuners.tuner.recording import Recording
+from yawrate_env.loop.margins import TransferFunction
+from yawrate_env.loop.simulation import simulate
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.task import Task
 
 
 def test_laguerre_functions_by_their_impulse_response():

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from yawrate_env.reward import margin_error, reward
-from yawrate_env.task import Target
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.reward import margin_error, reward
 
 TARGET = Target()
 PHASE_MARGIN = st.floats(-180, 180) | st.just(np.nan)

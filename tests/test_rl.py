@@ -9,18 +9,18 @@ from recordings import ROOT, observations, recorded
 from test_imports import modules_after
 
 import tuners
-from tuners import rl_training
-from tuners.compressors.laguerre import Laguerre
-from tuners.evaluation import evaluate
-from tuners.feature_map import FeatureMap
-from tuners.learners.agent import Actor
-from tuners.rl import ALGORITHMS, RLTuner, Training
-from tuners.rl_training import _actor, _Average, of_vehicles
+from tuners.agents import training as rl_training
+from tuners.agents.feature_map import FeatureMap
+from tuners.agents.rl_tuner import ALGORITHMS, RLTuner, Training
+from tuners.agents.training import _actor, _Average, of_vehicles
+from tuners.features.laguerre import Laguerre
+from tuners.learners.actor import Actor
+from tuners.tuner.evaluation import evaluate
 from tuners.yaw_rate import yaw_rate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.design import Design
-from yawrate_env.judge import Judge
-from yawrate_env.reward import margin_error
+from yawrate_env.loop.design import Design
+from yawrate_env.plant.reward import margin_error
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.judge import Judge
 
 SHORT = {"Ts": 0.01, "N": 300}
 # SAC and TD3 start to learn after 512 episodes.
@@ -112,7 +112,7 @@ def test_training_never_reads_the_oracles_gains(algorithm, monkeypatch):
 def test_rewards_are_what_is_learned_from(monkeypatch):
     # The counterpart of the test above: it would see a difference.
     expected = default("sac")
-    monkeypatch.setattr("yawrate_env.judge.reward", lambda pm, *_: np.zeros(len(pm)))
+    monkeypatch.setattr("yawrate_env.vehicle.judge.reward", lambda pm, *_: np.zeros(len(pm)))
     assert differ(trained()[-1][1], expected)
 
 
@@ -299,7 +299,7 @@ def test_files_from_before_speeds_were_visible_still_load(agent, tmp_path, monke
 def test_using_it_needs_what_trained_it_no_more(agent, tmp_path):
     agent.save(tmp_path / "rl.tuner")
     loaded = modules_after(
-        "import numpy as np, tuners; from yawrate_env.excitation import prbs; "
+        "import numpy as np, tuners; from yawrate_env.signals.excitation import prbs; "
         f"u = prbs(300, 0.01, 0.1, 0.02)[0]; tuners.load({str(tmp_path / 'rl.tuner')!r})"
         ".tune(u, u, 0.01)"
     )

@@ -15,8 +15,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecMonitor
 
 import tuners
+from tuners.agents.sb3_vec_env import Sb3VecEnv
 from tuners.catalogue import UNTRAINED, shipped
-from tuners.sb3_adapter import Sb3VecEnv
 
 PLAIN, FEATURES = "yawrate/PITuning-v0", "yawrate/PITuningFeatures-v0"
 SHORT = {"Ts": 0.01, "N": 300}

@@ -8,13 +8,13 @@ import pytest
 
 import tuners
 import yawrate_env
-from tuners.bound import cramer_rao
-from tuners.gray_box import GrayBox
-from tuners.studies import pictures, plots, schedule, schedule_page
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.judge import Judge
-from yawrate_env.task import Prior, Task
-from yawrate_env.vehicle import Context
+from studies import pictures, plots, schedule, schedule_page
+from tuners.trust.vehicle_bound import cramer_rao
+from tuners.tuner.gray_box import GrayBox
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Prior, Task
 
 RANGE = (10.0, 33.0)
 TASK = Task(prior=Prior(v_x=RANGE))

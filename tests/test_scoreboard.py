@@ -9,14 +9,14 @@ from recordings import ROOT
 from test_scripts import run
 
 import tuners
-from tuners.baselines import Nominal, Oracle
-from tuners.evaluation import Evaluation
-from tuners.studies import results_page, scoreboard
-from tuners.studies.scoreboard import PROTOCOL, Estimate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.judge import Judge
-from yawrate_env.reward import reward
-from yawrate_env.task import Task
+from studies import results_page, scoreboard
+from studies.scoreboard import PROTOCOL, Estimate
+from tuners.tuner.baselines import Nominal, Oracle
+from tuners.tuner.evaluation import Evaluation
+from yawrate_env.plant.reward import reward
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.task import Task
 
 TASK = Task()
 CONTEXT = CONTEXT_SETS["test"].draw(TASK.prior, 0, 0, 200).context

@@ -12,9 +12,9 @@ from first_order import lone
 from recordings import ROOT
 
 import tuners
-from tuners.evaluation import evaluate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.task import Experiment, Task
+from tuners.tuner.evaluation import evaluate
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.task import Experiment, Task
 
 
 def run(script, *arguments, cwd=None, timeout=120):

@@ -4,10 +4,10 @@ import pytest
 from systems import contexts
 
 from yawrate_env.batch import take
-from yawrate_env.discretisation import DiscretePlant
-from yawrate_env.episode import plants
-from yawrate_env.simulation import simulate
-from yawrate_env.vehicle import Vehicle, state_space
+from yawrate_env.loop.discretisation import DiscretePlant
+from yawrate_env.loop.simulation import simulate
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.single_track import Vehicle, state_space
 
 
 @pytest.mark.parametrize("Ts", [0.001, 0.01])

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from recordings import recorded
 
-from tuners.compressors.laguerre import Laguerre
-from tuners.plants.black_box import black_box, free_responses
-from tuners.recording import Recording
+from tuners.features.laguerre import Laguerre
+from tuners.trust.black_box import black_box, free_responses
+from tuners.tuner.recording import Recording
 from tuners.yaw_rate import BLACK_BOX, yaw_rate
-from yawrate_env.episode import plants
-from yawrate_env.simulation import simulate
-from yawrate_env.task import Experiment, Task
+from yawrate_env.loop.simulation import simulate
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.task import Experiment, Task
 
 REST = recorded(8)
 

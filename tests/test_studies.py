@@ -5,16 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from tuners.baselines import Nominal
+from studies import budget, learning, learning_plot, million, nested
+from studies.rows import errors, row
 from tuners.catalogue import RECIPES
-from tuners.compressors import Laguerre
-from tuners.evaluation import evaluate
-from tuners.plants.data import examples
-from tuners.studies import budget, learning, learning_plot, million, nested
-from tuners.studies.rows import errors, row
+from tuners.features import Laguerre
+from tuners.tuner.baselines import Nominal
+from tuners.tuner.evaluation import evaluate
 from tuners.yaw_rate import yaw_rate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.task import Task
+from yawrate_env.plant.episodes import examples
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.task import Task
 
 
 class Unusable(Nominal):

@@ -12,12 +12,13 @@ from recordings import ROOT, drawn, recorded
 from scipy.signal import welch
 
 import tuners
-from tuners import palette
-from tuners.bound import cramer_rao
-from tuners.studies import conditions, off_design, off_design_page, pictures, plots
-from tuners.studies.conditions import SPEED, SWEEPS
-from tuners.studies.off_design import Accuracy, cell, measure, study
-from yawrate_env.task import Experiment, Target, Task
+from studies import conditions, off_design, off_design_page, pictures, plots
+from studies.conditions import SPEED, SWEEPS
+from studies.off_design import Accuracy, cell, measure, study
+from tuners.cli.report import palette
+from tuners.trust.vehicle_bound import cramer_rao
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.task import Experiment, Task
 
 TASK = Task()
 FEW = 12

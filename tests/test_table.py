@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from tuners.evaluation import Evaluation
-from tuners.metrics import bootstrap_interval
-from tuners.studies.table import PAPER, bound_row, row, to_json, to_markdown
-from yawrate_env.judge import Judge
-from yawrate_env.task import Task
-from yawrate_env.vehicle import Context
+from studies.metrics import bootstrap_interval
+from studies.table import PAPER, bound_row, row, to_json, to_markdown
+from tuners.tuner.evaluation import Evaluation
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Task
 
 PHASES = np.array([59.0, 61.0, 60.5, np.nan, 59.5])
 CROSSOVERS = np.array([1.49, 1.52, 1.5, np.nan, 1.48])

@@ -3,8 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from yawrate_env.task import Experiment, Prior, Target, Task
-from yawrate_env.vehicle import Vehicle
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.single_track import Vehicle
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 
 def test_defaults_are_the_papers_and_the_design_notes():

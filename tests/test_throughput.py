@@ -1,6 +1,6 @@
 """The benchmark runs, and the batch environment is worth having."""
 
-from tuners.benchmark.throughput import measure
+from benchmarks.throughput import measure
 
 
 def test_a_batch_beats_scalar_environments_one_after_the_other():

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from systems import contexts
 
-from yawrate_env import closed_loop
 from yawrate_env.batch import take
-from yawrate_env.judge import Judge
-from yawrate_env.manoeuvre import double_lane_change
-from yawrate_env.nonlinear import NonlinearTwin
-from yawrate_env.nonlinear.time_domain import time_domain, time_response
-from yawrate_env.task import Target, Task
-from yawrate_env.vehicle import Context
+from yawrate_env.loop import closed_loop
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.manoeuvre import double_lane_change
+from yawrate_env.vehicle.nonlinear import NonlinearTwin
+from yawrate_env.vehicle.nonlinear.time_domain import time_domain, time_response
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Task
 
 TASK = Task(twin=NonlinearTwin())
 

@@ -8,17 +8,18 @@ import torch
 
 import tuners
 from tuners.catalogue import RECIPES
-from tuners.compressors.armax import Armax
+from tuners.features.armax import Armax
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
-from tuners.plants.coordinates import loop
-from tuners.plants.data import examples
-from tuners.stages import Recipe
+from tuners.tuner.stages import Recipe
 from tuners.yaw_rate import yaw_rate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.episode import record
-from yawrate_env.judge import Judge
-from yawrate_env.task import Experiment, Prior, Target, Task
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.episodes import examples
+from yawrate_env.plant.parametrisation import loop
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.episode import record
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 torch.set_num_threads(1)
 
@@ -169,7 +170,7 @@ def test_wrong_arguments_are_refused_before_any_work(name, arguments, message, m
     def forbidden(*_, **__):
         raise AssertionError("simulated")
 
-    monkeypatch.setattr("tuners.plants.training.examples", forbidden)
+    monkeypatch.setattr("tuners.tuner.training.examples", forbidden)
     with pytest.raises(ValueError, match=message):
         tuners.train(name, Task(), **arguments)
 

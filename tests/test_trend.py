@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import tuners
-from tuners.compressors.response import FrequencyResponse
+from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import Trend, TrendSettings, polynomial
-from tuners.stages import Recipe
+from tuners.tuner.stages import Recipe
 
 STUMPS = GBMSettings(n_estimators=5, max_depth=1, max_leaves=0, learning_rate=0.1)
 

@@ -5,24 +5,25 @@ import pytest
 from recordings import recorded
 
 import tuners
-from tuners.baselines import Oracle
-from tuners.calibration import assessed, calibrate
-from tuners.fallback import LEAST_DISTANCE, fallback, prior_grid
-from tuners.gray_box import GrayBox
-from tuners.plants.black_box import black_box, functions_for
-from tuners.plants.fit import fit, noise_level
-from tuners.plants.trust import GAUSSIAN, conformal
-from tuners.recording import Recording
-from tuners.studies import faults
-from tuners.studies.nonlinear import task_at
-from tuners.trust import Calibration
-from tuners.words import instead
+from studies import faults
+from studies.nonlinear import task_at
+from tuners.cli.text import instead
+from tuners.trust.black_box import black_box, functions_for
+from tuners.trust.checks import GAUSSIAN, conformal
+from tuners.trust.fit import fit, noise_level
+from tuners.trust.vehicle_calibration import assessed, calibrate
+from tuners.trust.vehicle_fallback import LEAST_DISTANCE, fallback, prior_grid
+from tuners.trust.vehicle_trust import Calibration
+from tuners.tuner.baselines import Oracle
+from tuners.tuner.gray_box import GrayBox
+from tuners.tuner.recording import Recording
 from tuners.yaw_rate import theta_of, yaw_rate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.episode import record
-from yawrate_env.judge import Judge
-from yawrate_env.task import Prior, Target, Task
-from yawrate_env.vehicle import Context
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.episode import record
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Prior, Task
 
 RECORDING = recorded(8)
 TASK = Task()

@@ -6,17 +6,18 @@ import pytest
 from recordings import observations, recorded
 
 import tuners
-from tuners import model_file
-from tuners.baselines import Nominal, Oracle
 from tuners.catalogue import UNTRAINED, shipped
-from tuners.gray_box import GrayBox
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
-from tuners.tuner import Tuner, nominal_context, task_from
-from yawrate_env.design import Design, Status
-from yawrate_env.judge import Judge
-from yawrate_env.task import Experiment, Prior, Target, Task
-from yawrate_env.vehicle import Context, Vehicle
+from tuners.tuner import tuner_file as model_file
+from tuners.tuner.baselines import Nominal, Oracle
+from tuners.tuner.gray_box import GrayBox
+from tuners.tuner.tuner import Tuner, nominal_context, task_from
+from yawrate_env.loop.design import Design, Status
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context, Vehicle
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 BLIND = [n for n in tuners.NAMES if n not in ("oracle", "ts-ff-lag-vx")]  # the recording alone
 # Phase margin [deg] and crossover [Hz] of the first test episodes stay within these of the
@@ -59,7 +60,7 @@ def test_loading_never_trains(monkeypatch):
 
     for place in (FeedForwardSettings, GBMSettings):
         monkeypatch.setattr(place, "fit", forbidden)
-    monkeypatch.setattr("tuners.plants.training.examples", forbidden)
+    monkeypatch.setattr("tuners.tuner.training.examples", forbidden)
     for name in tuners.NAMES:
         assert tuners.load(name).gains(RECORDING)[0].kp.shape == (8,)
 

@@ -10,7 +10,7 @@ MODULES = sorted((ROOT / "tuners").rglob("*.py"))
 ROOMS = {path.stem for path in (ROOT / "tuners").iterdir()}
 LEARNING = {"torch", "xgboost", "stable_baselines3", "sb3_contrib"}
 RECORDED = (
-    "import numpy as np, tuners; from yawrate_env.excitation import prbs; "
+    "import numpy as np, tuners; from yawrate_env.signals.excitation import prbs; "
     "u = prbs(10000, 0.001, 0.1, 0.02)[0]; "
 )
 

@@ -6,9 +6,9 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
-from yawrate_env.env import PITuningEnv
-from yawrate_env.nonlinear.env import PITuningNonlinearEnv, PITuningNonlinearVectorEnv
-from yawrate_env.vector_env import PITuningVectorEnv
+from yawrate_env.env.nonlinear_env import PITuningNonlinearEnv, PITuningNonlinearVectorEnv
+from yawrate_env.env.vector_env import PITuningVectorEnv
+from yawrate_env.env.yaw_rate_env import PITuningEnv
 
 ENVIRONMENTS = {
     "yawrate/PITuning-v0": (PITuningEnv, PITuningVectorEnv),

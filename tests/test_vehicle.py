@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 from systems import contexts
 
-from yawrate_env.vehicle import Context, Vehicle, state_space, state_space_sensitivity, total_mass
+from yawrate_env.vehicle.single_track import (
+    Context,
+    Vehicle,
+    state_space,
+    state_space_sensitivity,
+    total_mass,
+)
 
 
 def equations(vehicle, mu_s, M_delta, v_x, x, u):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from tuners.vehicle_file import VehicleFileError, example, read
-from yawrate_env.task import Task
+from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.vehicle_file import VehicleFileError, example, read
 
 
 @pytest.fixture

@@ -14,17 +14,18 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import FlattenObservation, RescaleAction
 from recordings import ROOT, recorded
 
-from tuners.compressors import compressor
-from tuners.compressors.armax import Armax
-from tuners.compressors.laguerre import Laguerre
-from tuners.feature_map import ActionMap, FeatureMap
-from tuners.learners.agent import LIMIT
-from tuners.recording import Recording
-from tuners.wrappers import Compressed, CompressedVector, LoopAction, LoopActionVector
+from tuners.agents.feature_map import ActionMap, FeatureMap
+from tuners.agents.wrappers import Compressed, CompressedVector, LoopAction, LoopActionVector
+from tuners.features import compressor
+from tuners.features.armax import Armax
+from tuners.features.laguerre import Laguerre
+from tuners.learners.actor import LIMIT
+from tuners.tuner.recording import Recording
 from tuners.yaw_rate import yaw_rate
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.judge import Judge
-from yawrate_env.task import Prior, Target, Task
+from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.task import Prior, Task
 
 PLAIN, FEATURES = "yawrate/PITuning-v0", "yawrate/PITuningFeatures-v0"
 SHORT = {"Ts": 0.01, "N": 300}  # the least that ARMAX takes

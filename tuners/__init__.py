@@ -6,12 +6,12 @@ in `yawrate_env`.
 """
 
 from tuners.catalogue import NAMES, RECIPES, load, train
-from tuners.model_file import ModelFileError
-from tuners.recording import Recording
-from tuners.result import TuningResult
-from tuners.stages import Recipe
-from tuners.tuner import Tuner
-from tuners.two_stage import TwoStage
+from tuners.tuner.recording import Recording
+from tuners.tuner.result import TuningResult
+from tuners.tuner.stages import Recipe
+from tuners.tuner.tuner import Tuner
+from tuners.tuner.tuner_file import ModelFileError
+from tuners.tuner.two_stage import TwoStage
 
 __all__ = [
     "NAMES",

@@ -5,25 +5,25 @@ from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
-from tuners import model_file
-from tuners.baselines import Nominal, Oracle
-from tuners.compressors.armax import Armax
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.response import FrequencyResponse
-from tuners.gray_box import GrayBox
+from tuners.agents.rl_tuner import RLTuner
+from tuners.features.armax import Armax
+from tuners.features.laguerre import Laguerre
+from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
-from tuners.plants.data import Examples
-from tuners.plants.training import fit
-from tuners.rl import RLTuner
-from tuners.stages import Recipe
-from tuners.trust import Calibration
-from tuners.tuner import Tuner
-from tuners.two_stage import TwoStage
+from tuners.trust.vehicle_trust import Calibration
+from tuners.tuner import tuner_file as model_file
+from tuners.tuner.baselines import Nominal, Oracle
+from tuners.tuner.gray_box import GrayBox
+from tuners.tuner.stages import Recipe
+from tuners.tuner.training import fit
+from tuners.tuner.tuner import Tuner
+from tuners.tuner.two_stage import TwoStage
 from tuners.yaw_rate import yaw_rate
 from yawrate_env import validation
-from yawrate_env.task import Prior, Task
+from yawrate_env.plant.episodes import Examples
+from yawrate_env.vehicle.task import Prior, Task
 
 RECIPES = {
     "ts-gbm": Recipe(Armax(), GBMSettings()),
@@ -141,7 +141,9 @@ def load(name: str | os.PathLike[str], task: Task | None = None) -> Tuner:
 
 def _checked(task: Task) -> Task:
     if not isinstance(task, Task):
-        raise ValueError(f"task = {task!r} is not a Task. Make one with yawrate_env.task.Task.")
+        raise ValueError(
+            f"task = {task!r} is not a Task. Make one with yawrate_env.vehicle.task.Task."
+        )
     return task
 
 

@@ -12,25 +12,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners import identification
-from tuners.compressors.laguerre import Laguerre
-from tuners.plants.closed_loop import ClosedLoop
-from tuners.plants.coordinates import PLAIN, Coordinates, loop
-from tuners.plants.figure import Figure
-from tuners.plants.identification import identify
-from tuners.plants.pi_loop import GAINS, PILoop
-from tuners.plants.plant import Plant, Range, Search, snr
-from tuners.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
-from tuners.recording import Recording
+from tuners.features.laguerre import Laguerre
+from tuners.trust import vehicle_identification as identification
+from tuners.trust.identification import identify
+from tuners.tuner.recording import Recording
 from yawrate_env.compiled import LANES, over_blocks
-from yawrate_env.design import Status, required_response
-from yawrate_env.discretisation import DiscretePlant
-from yawrate_env.episode import excitation, plants, respond
-from yawrate_env.judge import Judge
-from yawrate_env.reward import CROSSOVER_SCALE, PHASE_SCALE
-from yawrate_env.task import Target, Task
-from yawrate_env.twin import LinearTwin
-from yawrate_env.vehicle import LARGEST, Context
+from yawrate_env.loop.design import Status, required_response
+from yawrate_env.loop.discretisation import DiscretePlant
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.metric import Figure
+from yawrate_env.plant.parametrisation import PLAIN, Coordinates, loop
+from yawrate_env.plant.pi_loop import GAINS, PILoop
+from yawrate_env.plant.plant import Plant, Range, Search, snr
+from yawrate_env.plant.responses import ClosedLoop
+from yawrate_env.plant.reward import CROSSOVER_SCALE, PHASE_SCALE
+from yawrate_env.vehicle.episode import excitation, plants, respond
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
+from yawrate_env.vehicle.single_track import LARGEST, Context
+from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.twin import LinearTwin
 
 Array = NDArray[np.float64]
 Words = NDArray[np.uint64]
@@ -80,7 +81,7 @@ def yaw_rate(task: Task, coordinates: str = "loop") -> Plant:
     Parameters
     ----------
     coordinates : {"loop", "gains"}
-        What a learner predicts (`tuners.coordinates`).
+        What a learner predicts (`tuners.tuner.coordinates`).
     """
     experiment, prior, vehicles = task.experiment, task.prior, Vehicles(task)
     plant = Plant(

@@ -20,34 +20,34 @@ PLANT_FEATURES_ID = "yawrate/PlantFeatures-v0"
 if ENV_ID not in registry:
     register(
         id=ENV_ID,
-        entry_point="yawrate_env.env:PITuningEnv",
-        vector_entry_point="yawrate_env.vector_env:PITuningVectorEnv",
+        entry_point="yawrate_env.env.yaw_rate_env:PITuningEnv",
+        vector_entry_point="yawrate_env.env.vector_env:PITuningVectorEnv",
     )
 
 if NONLINEAR_ID not in registry:
     register(
         id=NONLINEAR_ID,
-        entry_point="yawrate_env.nonlinear.env:PITuningNonlinearEnv",
-        vector_entry_point="yawrate_env.nonlinear.env:PITuningNonlinearVectorEnv",
+        entry_point="yawrate_env.env.nonlinear_env:PITuningNonlinearEnv",
+        vector_entry_point="yawrate_env.env.nonlinear_env:PITuningNonlinearVectorEnv",
     )
 
 if FEATURES_ID not in registry:
     register(
         id=FEATURES_ID,
-        entry_point="tuners.wrappers:features_env",
-        vector_entry_point="tuners.wrappers:features_vector_env",
+        entry_point="tuners.agents.wrappers:features_env",
+        vector_entry_point="tuners.agents.wrappers:features_vector_env",
     )
 
 if PLANT_ID not in registry:
     register(
         id=PLANT_ID,
-        entry_point="tuners.plants.env:PlantEnv",
-        vector_entry_point="tuners.plants.env:PlantVectorEnv",
+        entry_point="yawrate_env.env.plant_env:PlantEnv",
+        vector_entry_point="yawrate_env.env.plant_env:PlantVectorEnv",
     )
 
 if PLANT_FEATURES_ID not in registry:
     register(
         id=PLANT_FEATURES_ID,
-        entry_point="tuners.wrappers:plant_features_env",
-        vector_entry_point="tuners.wrappers:plant_features_vector_env",
+        entry_point="tuners.agents.wrappers:plant_features_env",
+        vector_entry_point="tuners.agents.wrappers:plant_features_vector_env",
     )

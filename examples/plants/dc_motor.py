@@ -9,9 +9,9 @@ and a trained tuner reads the gains off it.
 import control
 
 from tuners import plants
-from tuners.plants.pi_loop import FIGURES, GAINS, PILoop
-from yawrate_env.excitation import prbs
-from yawrate_env.task import Target
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.pi_loop import FIGURES, GAINS, PILoop
+from yawrate_env.signals.excitation import prbs
 
 R, L, K = 1.0, 2e-3, 0.05  # winding [ohm], [H], torque constant [N m/A] = [V s/rad]
 TS = 1e-3
@@ -46,6 +46,6 @@ plant = plants.Plant(
 )
 
 if __name__ == "__main__":
-    from tuners.plants.report import main
+    from studies.plants import main
 
     main(plant)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from tuners import plants
-from yawrate_env.excitation import prbs
+from yawrate_env.signals.excitation import prbs
 
 AREA, G = 30.0, 981.0  # cross sections [cm2], gravity [cm/s2]
 LEVEL, RISE = 10.0, 2.0  # lower tank, where the loop shall work and be judged by a step [cm]
@@ -129,6 +129,6 @@ plant = plants.Plant(
 )
 
 if __name__ == "__main__":
-    from tuners.plants.report import main
+    from studies.plants import main
 
     main(plant)

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from tuners.forms import Forms
+from tuners.cli.text import between, instead
+from tuners.export.forms import Forms
 from tuners.logs import Log
-from tuners.result import TuningResult
-from tuners.words import between, instead
-from yawrate_env.task import Task
+from tuners.tuner.result import TuningResult
+from yawrate_env.vehicle.task import Task
 
 
 def as_json(result: TuningResult, log: Log, task: Task, tuner: str) -> dict[str, Any]:

@@ -5,15 +5,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tuners import compressors, vehicle_file
+from tuners import features as compressors
 from tuners.cli.example import example
 from tuners.cli.files import READABLE
 from tuners.cli.numbers import COUNT
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.task import Task
+from yawrate_env.vehicle import vehicle_file
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.task import Task
 
 if TYPE_CHECKING:
-    from tuners.compressors import FirstStage
+    from tuners.features import FirstStage
     from tuners.plants import Plant
 
 SAMPLE = 100
@@ -79,8 +80,8 @@ def command(
     runs, and by PYTHONPATH.
     """
     from tuners import data
-    from tuners.plants.entry import from_toml
-    from tuners.progress import Bars
+    from tuners.cli.progress import Bars
+    from yawrate_env.plant.entry import from_toml
 
     if verify and not out.is_dir():
         raise click.UsageError(f"{out} is not a folder.")
@@ -102,7 +103,7 @@ def command(
 
 def _stage(plant: "Plant | None", name: str) -> "FirstStage":
     """A compressor by name, set for vehicles or to suit a plant."""
-    from tuners.plants.training import compressor_named
+    from tuners.tuner.training import compressor_named
 
     if plant is None:
         return compressors.compressor(name)

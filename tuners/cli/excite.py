@@ -6,13 +6,13 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners import vehicle_file
 from tuners.cli.example import example
 from tuners.cli.files import READABLE, Output, keep
-from tuners.words import every
-from yawrate_env.episode import excitation
+from tuners.cli.text import every
 from yawrate_env.files import write_text
-from yawrate_env.task import Task
+from yawrate_env.vehicle import vehicle_file
+from yawrate_env.vehicle.episode import excitation
+from yawrate_env.vehicle.task import Task
 
 
 @click.command(epilog=example("yawrate excite --vehicle car.toml -o prbs.csv"))
@@ -26,7 +26,7 @@ def command(vehicle: Path | None, out: Path, seed: int) -> None:
 
     For a plant of your own, time [s] and its input, in the plant's unit.
     """
-    from tuners.plants.entry import from_toml
+    from yawrate_env.plant.entry import from_toml
 
     keep(out, vehicle)
     word = np.random.default_rng(seed).integers(0, 2**64, 1, np.uint64)

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.result import Check
+from tuners.tuner.result import Check
 
 Array = NDArray[np.float64]
 

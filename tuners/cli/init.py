@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from tuners import vehicle_file
 from tuners.cli.example import example
 from tuners.cli.files import Output
 from yawrate_env.files import write_text
+from yawrate_env.vehicle import vehicle_file
 
 
 @click.command(epilog=example("yawrate init -o car.toml"))

@@ -11,7 +11,7 @@ from tuners.cli.grouped import PLANT, VEHICLE, Flag
 from tuners.cli.numbers import ASSIGNMENT, NONZERO, NUMBER, POSITIVE
 from tuners.logs import UNITS, Choice, Options
 from tuners.logs.columns import ROLES
-from tuners.plants.log import SIGNALS, PlantOptions
+from tuners.logs.plant_log import SIGNALS, PlantOptions
 
 WORDS = {"steer": "steering", "yaw_rate": "yaw rate", "speed": "speed"}
 

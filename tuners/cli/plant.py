@@ -10,10 +10,10 @@ import numpy as np
 
 from tuners.cli.answer import plain
 from tuners.cli.hints import Array, Trial, hints
-from tuners.plants.log import PlantLog, PlantOptions, read_log
-from tuners.plants.names import valued
-from tuners.plants.result import PlantResult
-from tuners.words import best, between, every
+from tuners.cli.text import best, between, every
+from tuners.logs.plant_log import PlantLog, PlantOptions, read_log
+from tuners.tuner.plant_result import PlantResult
+from yawrate_env.plant.names import valued
 
 if TYPE_CHECKING:
     from tuners.plants import PlantTuner
@@ -29,7 +29,7 @@ STEP, LATEST = 0.001, 0.03
 
 def accuracy(tuner: "PlantTuner", seed: int) -> str:
     """Root mean square errors on fresh plants, beside the bound."""
-    from tuners.plants.evaluation import TUNER, compare
+    from tuners.tuner.plant_evaluation import TUNER, compare
 
     found = compare(tuner, VALIDATION, seed)
     bound = np.sqrt(np.nanmean(found.bound**2, axis=0))
@@ -71,7 +71,7 @@ def tune(
     else:
         click.echo(as_text(result, recording))
     if report is not None:
-        from tuners.report import write_plant_report
+        from tuners.cli.report import write_plant_report
 
         write_plant_report(report, result, recording, trained, tuner)
     return result.trusted
@@ -79,7 +79,7 @@ def tune(
 
 def is_plants(tuner: str) -> bool:
     """Whether a name is that of a plant's tuner file."""
-    from tuners.model_file import SUFFIX, read
+    from tuners.tuner.tuner_file import SUFFIX, read
 
     return tuner.endswith(SUFFIX) and Path(tuner).is_file() and read(tuner)[0]["kind"] == "plant"
 

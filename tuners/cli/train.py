@@ -9,20 +9,21 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from tuners import model_file, vehicle_file
 from tuners.cli import plant
 from tuners.cli.example import example
 from tuners.cli.files import READABLE, Output, keep
 from tuners.cli.numbers import COUNT
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.trend import TrendSettings
-from yawrate_env.task import Task
+from tuners.tuner import tuner_file as model_file
+from yawrate_env.vehicle import vehicle_file
+from yawrate_env.vehicle.task import Task
 
 if TYPE_CHECKING:
     from tuners import Tuner
+    from tuners.cli.progress import Bars
     from tuners.plants import Plant, PlantTuner
-    from tuners.progress import Bars
-    from tuners.two_stage import TwoStage
+    from tuners.tuner.two_stage import TwoStage
 
 VALIDATION = 300
 RECIPE, VEHICLES, NOISE_DRAWS = "ts-ff-lag-vx", 2000, 3
@@ -77,8 +78,8 @@ def command(
         raise click.UsageError("--data takes the episodes of its folder: leave out --episodes.")
     _check_learner()
     from tuners import plants
-    from tuners.plants.entry import from_toml
-    from tuners.progress import Bars
+    from tuners.cli.progress import Bars
+    from yawrate_env.plant.entry import from_toml
 
     own = None if vehicle is None else from_toml(vehicle)
     task = None if vehicle is None or own is not None else vehicle_file.read(vehicle)
@@ -135,7 +136,7 @@ def from_folder(
 
 def calibrated(tuner: "TwoStage", seed: int, bars: "Bars") -> "TwoStage":
     """The tuner, with intervals that hold."""
-    from tuners.calibration import calibrate
+    from tuners.trust.vehicle_calibration import calibrate
 
     calibrate(tuner, episodes=CALIBRATION, seed=seed, progress=partial(bars, "calibrating"))
     return tuner
@@ -149,9 +150,9 @@ def _check_learner() -> None:
 
 def accuracy(tuner: "Tuner", seed: int) -> str:
     """Root mean square errors on fresh vehicles, beside the bound."""
-    from tuners.bound import cramer_rao
-    from tuners.evaluation import evaluate
-    from yawrate_env.contexts import CONTEXT_SETS
+    from tuners.trust.vehicle_bound import cramer_rao
+    from tuners.tuner.evaluation import evaluate
+    from yawrate_env.vehicle.contexts import CONTEXT_SETS
 
     contexts, task = CONTEXT_SETS["test"], tuner.task
     (found,) = evaluate({"": tuner}, task, contexts, episodes=VALIDATION, seed=seed, batch=64)

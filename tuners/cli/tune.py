@@ -15,9 +15,9 @@ from tuners.cli.hints import Array, Trial, hints
 from tuners.cli.log_options import log_options
 from tuners.cli.tuner_option import loaded
 from tuners.logs import Options, SelectionError, read_log
-from tuners.plants.black_box import STARTS
-from tuners.plants.log import PlantOptions
-from tuners.result import TuningResult
+from tuners.logs.plant_log import PlantOptions
+from tuners.trust.black_box import STARTS
+from tuners.tuner.result import TuningResult
 
 DEFAULT = "ts-ff-lag-vx"
 UNTRUSTED = 3
@@ -107,7 +107,7 @@ def tune(
     else:
         click.echo(answer.as_text(result, recording, trained.task))
     if report is not None:
-        from tuners.report import write_report
+        from tuners.cli.report import write_report
 
         write_report(report, result, recording, trained.task, tuner)
     return result.trusted

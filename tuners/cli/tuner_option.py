@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 def loaded(name: str) -> "Tuner":
     """Load by name or from a file; a name that does not exist is wrong usage."""
     import tuners
-    from tuners.model_file import SUFFIX
+    from tuners.tuner.tuner_file import SUFFIX
 
     if name.endswith(SUFFIX):
         if not Path(name).is_file():

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.baselines import Nominal, Oracle
-from tuners.plants.data import episodes
-from tuners.plants.env import PlantEnv, observation, outcome
-from tuners.recording import Recording
-from yawrate_env import interaction
-from yawrate_env.contexts import ContextSet
-from yawrate_env.env import PITuningEnv
-from yawrate_env.vehicle import Context
+from tuners.tuner.baselines import Nominal, Oracle
+from tuners.tuner.recording import Recording
+from yawrate_env.env import interaction
+from yawrate_env.env.plant_env import PlantEnv, observation, outcome
+from yawrate_env.env.yaw_rate_env import PITuningEnv
+from yawrate_env.plant.episodes import episodes
+from yawrate_env.vehicle.contexts import ContextSet
+from yawrate_env.vehicle.single_track import Context
 
 Array = NDArray[np.float64]
 Rewards = Callable[[Array], Array]

@@ -10,10 +10,10 @@ import numpy as np
 from tuners.data import shards
 from tuners.data.manifest import DatasetError, Manifest, Shard
 from tuners.data.subject import Columns
-from tuners.plants.data import Examples
-from tuners.plants.plant import Plant
 from yawrate_env import validation
 from yawrate_env.batch import concatenate
+from yawrate_env.plant.episodes import Examples
+from yawrate_env.plant.plant import Plant
 
 Progress = Callable[[str, int, int], None]
 

@@ -19,17 +19,17 @@ from pathlib import Path
 
 import numpy as np
 
-from tuners.compressors import FirstStage
 from tuners.data import manifest, shards
 from tuners.data import workers as pool
 from tuners.data.folder import Folder, damage
 from tuners.data.manifest import Configuration, DatasetError, Manifest, Shard
-from tuners.plants.plant import Plant
+from tuners.features import FirstStage
 from yawrate_env import validation
 from yawrate_env.compiled import cores
-from yawrate_env.contexts import ContextSet, context_set
 from yawrate_env.files import leftovers, replacing
-from yawrate_env.task import Task
+from yawrate_env.plant.plant import Plant
+from yawrate_env.vehicle.contexts import ContextSet, context_set
+from yawrate_env.vehicle.task import Task
 
 Progress = Callable[[str, int, int], None]
 
@@ -68,7 +68,7 @@ def generate(
     what : Task or Plant
         Whose episodes.  Workers and readers find a plant again by its `entry`.
     contexts : ContextSet or str
-        Which family of them, of `yawrate_env.contexts.CONTEXT_SETS`, or its name.
+        Which family of them, of `yawrate_env.vehicle.contexts.CONTEXT_SETS`, or its name.
     compressor : Armax, Laguerre, Regularised or FrequencyResponse
         What makes features of recordings.
     episodes : int

@@ -13,16 +13,16 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
-from tuners.compressors import FirstStage, check, compressor, described
 from tuners.data.subject import Subject, subject_of
-from tuners.plants import entry
-from tuners.plants.fingerprint import alike
-from tuners.plants.plant import Plant
-from tuners.tuner import task_from
+from tuners.features import FirstStage, check, compressor, described
+from tuners.tuner.tuner import task_from
 from yawrate_env import __version__, validation
-from yawrate_env.contexts import ContextSet
 from yawrate_env.files import write_text
-from yawrate_env.task import Prior, Task
+from yawrate_env.plant import entry
+from yawrate_env.plant.fingerprint import alike
+from yawrate_env.plant.plant import Plant
+from yawrate_env.vehicle.contexts import ContextSet
+from yawrate_env.vehicle.task import Prior, Task
 
 FORMAT = "yawrate-dataset 1"
 FILE = "_manifest.json"  # what begins so is no part of the table to Arrow, pandas and Spark
@@ -79,7 +79,7 @@ class Configuration:
         for name, least in (("seed", 0), ("episodes", 1), ("shard_size", 1)):
             value = validation.count(name, getattr(self, name), at_least=least)
             object.__setattr__(self, name, value)
-        remedy = "Give one of yawrate_env.contexts.CONTEXT_SETS."
+        remedy = "Give one of yawrate_env.vehicle.contexts.CONTEXT_SETS."
         validation.instance("contexts", self.contexts, ContextSet, remedy=remedy)
         check(self.compressor)
         object.__setattr__(self, "raw", validation.flag("raw", self.raw))

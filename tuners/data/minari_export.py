@@ -2,7 +2,7 @@
 
 Episode k shows the vehicle or plant of row k of the same seed's data set, and follows
 behaviour ``k mod len(behaviours)``.  With actions in [-1, 1]^m (loop coordinates, or a
-plant's own, see `tuners.feature_map.ActionMap`) and ``w`` uniform there:
+plant's own, see `tuners.agents.feature_map.ActionMap`) and ``w`` uniform there:
 
 | behaviour | action |
 |---|---|
@@ -21,16 +21,16 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.agents.feature_map import ActionMap
+from tuners.agents.sight import sight
 from tuners.data.acting import Acts, acts
 from tuners.data.manifest import DatasetError
 from tuners.data.subject import Plants
-from tuners.feature_map import ActionMap
-from tuners.plants import fingerprint
-from tuners.plants.entry import find
-from tuners.plants.plant import Plant
-from tuners.sight import sight
 from yawrate_env import ENV_ID, FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID, validation
-from yawrate_env.contexts import CONTEXT_SETS, ContextSet
+from yawrate_env.plant import fingerprint
+from yawrate_env.plant.entry import find
+from yawrate_env.plant.plant import Plant
+from yawrate_env.vehicle.contexts import CONTEXT_SETS, ContextSet
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -99,7 +99,7 @@ def export_minari(
     seed = validation.count("seed", seed, at_least=0)
     _check_name(dataset_id)
     validation.flag("raw", raw)
-    remedy = "Give one of yawrate_env.contexts.CONTEXT_SETS."
+    remedy = "Give one of yawrate_env.vehicle.contexts.CONTEXT_SETS."
     validation.instance("contexts", contexts, ContextSet, remedy=remedy)
     validation.instance("env_kwargs", env_kwargs or {}, dict, remedy="Give names with values.")
     if not isinstance(behaviours, list | tuple) or not behaviours:

@@ -6,7 +6,7 @@
 | the prior's parameters | `mu_s`, `M_delta`, `v_x` | float64 | the plant |
 | `laguerre_1` ... or `armax_1` ... | | float64 | features; of what is measured beside, last |
 | `usable` | | bool | compression converged and the design rule has gains |
-| vehicles only | `status` | int8 | `yawrate_env.design.Status` of the design rule |
+| vehicles only | `status` | int8 | `yawrate_env.loop.design.Status` of the design rule |
 | the gains | `kp`, `Ti` | float64 | of the design rule |
 | the learner's targets | `log_gain`, `phase` | float64 | the same in the plant's coordinates |
 | `u`, `y` | `steer`, `yaw_rate` | float32[N] | the recording, on request |
@@ -22,11 +22,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from tuners.compressors import described
 from tuners.data.manifest import Configuration, DatasetError, Shard, differences
 from tuners.data.subject import FEATURE, Columns, target_names
-from tuners.plants.data import Examples, compressed
+from tuners.features import described
 from yawrate_env.batch import concatenate
+from yawrate_env.plant.episodes import Examples, compressed
 
 ROWS, RAW_ROWS = 8192, 512
 """At most so many rows are read at a time, without and with recordings."""

@@ -14,15 +14,15 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.compressors import COMPRESSORS
-from tuners.plants import entry, fingerprint
-from tuners.plants.data import Examples
-from tuners.plants.plant import Plant
+from tuners.features import COMPRESSORS
 from tuners.yaw_rate import context_of, yaw_rate
-from yawrate_env.contexts import ContextSet
-from yawrate_env.design import Status
-from yawrate_env.judge import Judge
-from yawrate_env.task import Task
+from yawrate_env.loop.design import Status
+from yawrate_env.plant import entry, fingerprint
+from yawrate_env.plant.episodes import Examples
+from yawrate_env.plant.plant import Plant
+from yawrate_env.vehicle.contexts import ContextSet
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.task import Task
 
 Columns = dict[str, NDArray[Any]]
 

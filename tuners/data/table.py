@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.catalogue import RECIPES
-from tuners.compressors.laguerre import Laguerre
 from tuners.data import shards
 from tuners.data.folder import Folder
 from tuners.data.manifest import Configuration, Shard
 from tuners.data.subject import Columns, target_names
-from tuners.plants.plant import Plant
+from tuners.features.laguerre import Laguerre
 from yawrate_env import validation
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.task import Task
+from yawrate_env.plant.plant import Plant
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.task import Task
 
 Array = NDArray[np.float64]
 

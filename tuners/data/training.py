@@ -11,21 +11,15 @@ from numpy.typing import NDArray
 from tuners.catalogue import TRAINING_SEED, named
 from tuners.data.folder import Folder, check
 from tuners.data.manifest import DatasetError, differences
-from tuners.plants.coordinates import Coordinates
-from tuners.plants.plant import Plant
-from tuners.plants.training import (
-    CALIBRATION,
-    check_calibration,
-    described,
-    finished,
-    recipe_for,
-)
-from tuners.plants.tuner import PlantTuner
-from tuners.stages import LEAST_USABLE, Recipe, Stages, checked, trains
-from tuners.two_stage import TwoStage
+from tuners.tuner.plant_tuner import PlantTuner
+from tuners.tuner.stages import LEAST_USABLE, Recipe, Stages, checked, trains
+from tuners.tuner.training import CALIBRATION, check_calibration, described, finished, recipe_for
+from tuners.tuner.two_stage import TwoStage
 from tuners.yaw_rate import yaw_rate
 from yawrate_env import validation
-from yawrate_env.task import Task
+from yawrate_env.plant.parametrisation import Coordinates
+from yawrate_env.plant.plant import Plant
+from yawrate_env.vehicle.task import Task
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -138,7 +132,7 @@ def fit(
     seed: int,
     progress: Progress | None = None,
 ) -> tuple[Stages, dict[str, Any]]:
-    """Train the second stage on a folder; as `tuners.plants.training.fit`.
+    """Train the second stage on a folder; as `tuners.tuner.training.fit`.
 
     Parameters
     ----------

@@ -32,8 +32,8 @@ from tuners.export.gains import Gains
 from tuners.export.onnx_tuner import onnx_model
 from tuners.export.pi_source import c_source
 from tuners.export.tuner_source import first_stage_source, tuner_source
-from tuners.plants.tuner import PlantTuner
-from tuners.tuner import Tuner
+from tuners.tuner.plant_tuner import PlantTuner
+from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.files import check_regular, replacing, write_text
 

@@ -1,6 +1,6 @@
 """The first stage on Laguerre functions as C99 source: sample by sample, in constant memory.
 
-Filters as `tuners.compressors.laguerre` and sums up the normal equations, from which
+Filters as `tuners.features.laguerre` and sums up the normal equations, from which
 `tuners.export.features_source` makes features at the end; always in double precision, because
 the equations square the condition.
 """
@@ -10,9 +10,6 @@ from string import Template
 import numpy as np
 
 import yawrate_env
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.regularised import Regularised
-from tuners.compressors.response import FrequencyResponse
 from tuners.export import literals
 from tuners.export.features_source import (
     features_source,
@@ -21,6 +18,9 @@ from tuners.export.features_source import (
 )
 from tuners.export.golden import GoldenSignals
 from tuners.export.parts import OnLaguerre
+from tuners.features.laguerre import Laguerre
+from tuners.features.regularised import Regularised
+from tuners.features.response import FrequencyResponse
 from yawrate_env import validation
 
 _TOLERANCE = 1e-8  # of the largest feature: the equations lose half of the digits

@@ -4,7 +4,7 @@
     x      <- x + Ts n0 e + Ts/Tt (u - wanted)
 
 with n1 = kp (1 + Ts/(2 Ti)) and n0 = kp/Ti: between the limits this is exactly the Tustin PI
-of `yawrate_env.controller`.  At a limit the last term (Astrom and Hagglund, *Advanced PID
+of `yawrate_env.loop.controller`.  At a limit the last term (Astrom and Hagglund, *Advanced PID
 Control*, section 3.5) lets the state follow what the actuator does, with time constant Tt.
 An error that is not finite holds the last output.
 """
@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.plants.names import split
-from yawrate_env import controller, validation
+from yawrate_env import validation
+from yawrate_env.loop import controller
+from yawrate_env.plant.names import split
 
 Array = NDArray[np.float64]
 

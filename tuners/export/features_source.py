@@ -9,11 +9,11 @@ from string import Template
 
 import numpy as np
 
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.regularised import Regularised
-from tuners.compressors.response import FrequencyResponse
 from tuners.export import literals
 from tuners.export.parts import OnLaguerre, feature_count
+from tuners.features.laguerre import Laguerre
+from tuners.features.regularised import Regularised
+from tuners.features.response import FrequencyResponse
 
 _SOLVED = Template("""\
 

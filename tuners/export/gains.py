@@ -10,10 +10,10 @@ from typing import Any, Self
 import numpy as np
 
 from tuners.export.digital_pi import LIMITS, SIGNALS, SLOWEST, DigitalPI, unit
-from tuners.plants.pi_loop import GAINS
-from tuners.plants.result import PlantResult
+from tuners.tuner.plant_result import PlantResult
 from yawrate_env import validation
-from yawrate_env.task import Target
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.pi_loop import GAINS
 
 Limits = tuple[float, float]
 

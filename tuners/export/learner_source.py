@@ -11,13 +11,13 @@ import numpy as np
 
 from tuners.export import literals
 from tuners.learners import Learner
-from tuners.learners.agent import Agent
+from tuners.learners.actor import Agent
 from tuners.learners.feedforward import FeedForward
 from tuners.learners.gbm import GBM
 from tuners.learners.trend import Trend
-from tuners.plants.coordinates import LOG, Coordinates
-from yawrate_env import controller
-from yawrate_env.design import LEAST_LAG, Status
+from yawrate_env.loop import controller
+from yawrate_env.loop.design import LEAST_LAG, Status
+from yawrate_env.plant.parametrisation import LOG, Coordinates
 
 _NETWORK = Template("""\
 #define INPUTS $inputs

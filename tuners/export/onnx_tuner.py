@@ -10,7 +10,7 @@ features       (episodes, n)             input instead of it, if asked for: what
 what is        (episodes,) each          further inputs, by name and in their own unit:
 measured                                 ``v_x``
 the gains      (episodes,) each          by name; ``nan`` where there are none
-status         (episodes,) int64         of `yawrate_env.design.Status`
+status         (episodes,) int64         of `yawrate_env.loop.design.Status`
 =============  ========================  ==============================================
 
 For a known input the first stage begins with a matrix: the graph holds that of the
@@ -23,23 +23,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.compressors.laguerre import lifted
-from tuners.compressors.regularised import Regularised
-from tuners.compressors.response import FrequencyResponse
 from tuners.export.graph import Graph
 from tuners.export.parts import Parts
 from tuners.export.trees import ensemble
+from tuners.features.laguerre import lifted
+from tuners.features.regularised import Regularised
+from tuners.features.response import FrequencyResponse
 from tuners.learners import Learner
-from tuners.learners.agent import LIMIT, Agent
+from tuners.learners.actor import LIMIT, Agent
 from tuners.learners.feedforward import FeedForward
 from tuners.learners.gbm import GBM
 from tuners.learners.trend import Trend
-from tuners.plants.coordinates import LOG
-from tuners.plants.names import split
-from tuners.plants.plant import Plant
-from yawrate_env import controller
-from yawrate_env.design import LEAST_LAG, Status
-from yawrate_env.task import Target
+from yawrate_env.loop import controller
+from yawrate_env.loop.design import LEAST_LAG, Status
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.names import split
+from yawrate_env.plant.parametrisation import LOG
+from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
@@ -247,7 +247,7 @@ def _decode(graph: Graph, values: str, X: str, plant: Plant) -> None:
 
 
 def _controller(graph: Graph, log_magnitude: str, phase: str, target: Target) -> list[str]:
-    """`yawrate_env.controller.gains` in a graph, with the sine and cosine of the phase."""
+    """`yawrate_env.loop.controller.gains` in a graph, with the sine and cosine of the phase."""
     omega = graph.constant(controller.warped(target))
     magnitude, cos = graph.apply("Exp", log_magnitude), graph.apply("Cos", phase)
     tangent = graph.apply("Neg", graph.apply("Div", graph.apply("Sin", phase), cos))

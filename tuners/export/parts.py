@@ -10,21 +10,21 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.compressors.laguerre import Laguerre
-from tuners.compressors.regularised import Regularised
-from tuners.compressors.response import FrequencyResponse
-from tuners.coordinates import decode
+from tuners.features.laguerre import Laguerre
+from tuners.features.regularised import Regularised
+from tuners.features.response import FrequencyResponse
 from tuners.learners import Learner
-from tuners.learners.agent import Agent
+from tuners.learners.actor import Agent
 from tuners.learners.feedforward import FeedForward
 from tuners.learners.trend import Trend
-from tuners.plants.coordinates import LOG, PLAIN
-from tuners.plants.plant import Plant
-from tuners.plants.tuner import PlantTuner
-from tuners.tuner import Tuner
-from tuners.two_stage import TwoStage
+from tuners.tuner.coordinates import decode
+from tuners.tuner.plant_tuner import PlantTuner
+from tuners.tuner.tuner import Tuner
+from tuners.tuner.two_stage import TwoStage
 from tuners.yaw_rate import yaw_rate
-from yawrate_env.design import Status
+from yawrate_env.loop.design import Status
+from yawrate_env.plant.parametrisation import LOG, PLAIN
+from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 

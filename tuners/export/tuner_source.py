@@ -24,7 +24,7 @@ from tuners.export.learner_source import (
     network_of,
 )
 from tuners.export.parts import Parts
-from tuners.plants.data import sample
+from yawrate_env.plant.episodes import sample
 
 Array = NDArray[np.float64]
 

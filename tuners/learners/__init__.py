@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from tuners.learners.agent import Agent
+from tuners.learners.actor import Agent
 from tuners.learners.feedforward import FeedForward, FeedForwardSettings
 from tuners.learners.gbm import GBM, GBMSettings
 from tuners.learners.trend import Trend, TrendSettings

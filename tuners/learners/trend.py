@@ -1,7 +1,7 @@
 """Second stage in two steps: a polynomial trend by least squares, the rest to a learner.
 
 In loop coordinates what a controller must supply is nearly linear in the recording's own
-frequency response (`tuners.compressors.response`).  The trend takes that; trees need no
+frequency response (`tuners.features.response`).  The trend takes that; trees need no
 staircase and neurons no bending to follow it, and learn what is left.  The learner gets the
 features decorrelated: combinations that say little about the vehicle, but much about the noise
 in the others, come out as large as these.

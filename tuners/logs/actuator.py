@@ -15,8 +15,8 @@ its middle, since a sample held would come half a step late.
 import numpy as np
 
 from tuners.logs.table import Array
-from yawrate_env.discretisation import expm
-from yawrate_env.vehicle import Vehicle
+from yawrate_env.loop.discretisation import expm
+from yawrate_env.vehicle.single_track import Vehicle
 
 FINE = 0.001
 

@@ -11,7 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from tuners.logs.table import Array, LogError
-from tuners.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE, STEADY, STILL, UNSTEADY
+from yawrate_env.vehicle.plausible import (
+    LARGEST_ANGLE,
+    LARGEST_SPEED,
+    LARGEST_YAW_RATE,
+    STEADY,
+    STILL,
+    UNSTEADY,
+)
 
 Band = tuple[float, float]
 

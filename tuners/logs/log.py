@@ -14,8 +14,8 @@ from tuners.logs.options import Options
 from tuners.logs.sampling import Plan, sampled
 from tuners.logs.table import Array, LogError, SelectionError
 from tuners.logs.time_base import TimeBase
-from yawrate_env.task import Task
-from yawrate_env.vehicle import Vehicle
+from yawrate_env.vehicle.single_track import Vehicle
+from yawrate_env.vehicle.task import Task
 
 LONGEST = 20.0
 """How much of a recording is used [s], unless a stretch is chosen."""

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env import controller
-from yawrate_env.design import LEAST_LAG
+from yawrate_env.loop import controller
+from yawrate_env.loop.design import LEAST_LAG
 
 Array = NDArray[np.float64]
 

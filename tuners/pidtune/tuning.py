@@ -1,4 +1,4 @@
-"""``pidtune``: the design rule of `yawrate_env.design` for any plant and any PID."""
+"""``pidtune``: the design rule of `yawrate_env.loop.design` for any plant and any PID."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,7 +11,7 @@ from tuners.pidtune.crossover import free_crossovers, needed_phase
 from tuners.pidtune.law import FILTER_LAG, KINDS, Kind, law, reach
 from tuners.pidtune.plant import Plant
 from yawrate_env import validation
-from yawrate_env.design import Status, within_reach
+from yawrate_env.loop.design import Status, within_reach
 
 Array = NDArray[np.float64]
 

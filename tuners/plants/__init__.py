@@ -4,14 +4,14 @@
 ``plants.load(file)`` reads one back.  `docs/plants.md` is the guide.
 """
 
-from tuners.plants.closed_loop import ClosedLoop, OpenLoop, Response
-from tuners.plants.coordinates import LOG, Coordinates, loop
-from tuners.plants.entry import find
-from tuners.plants.figure import Figure
-from tuners.plants.plant import Plant, snr
-from tuners.plants.result import PlantFit, PlantResult
-from tuners.plants.training import train
-from tuners.plants.tuner import PlantTuner, load
+from tuners.tuner.plant_result import PlantFit, PlantResult
+from tuners.tuner.plant_tuner import PlantTuner, load
+from tuners.tuner.training import train
+from yawrate_env.plant.entry import find
+from yawrate_env.plant.metric import Figure
+from yawrate_env.plant.parametrisation import LOG, Coordinates, loop
+from yawrate_env.plant.plant import Plant, snr
+from yawrate_env.plant.responses import ClosedLoop, OpenLoop, Response
 
 __all__ = [
     "LOG",

@@ -1,0 +1,107 @@
+"""The measured speed as a page and as a picture."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from benchmarks.stages import ANSWERS, TUNERS
+from benchmarks.stopwatch import PACKAGES
+from tuners.cli.report.palette import INK, STYLE, WIDTH, colour
+
+MARKERS = ("o", "s", "^")
+
+
+def to_markdown(result: dict[str, Any]) -> str:
+    """Tables of all that was measured."""
+    versions = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
+    lines = [
+        "# Speed",
+        "",
+        f"{result['machine']}; {versions}. Episodes of 10 000 samples. All contenders of a table "
+        f"take turns in one process, {result['rounds']} rounds (those that take seconds: 3); "
+        "times are medians (least to most), ratios are medians within a round.",
+    ]
+    missing = [name for name in PACKAGES if name not in result["versions"]]
+    if missing:
+        lines += ["", f"Not installed, so without their rows: {', '.join(missing)}."]
+    for title, contenders in result["stages"].items():
+        lines += ["", f"## {title}", "", *_table("time an episode [ms]|times the first row's")]
+        for name, found in contenders.items():
+            time, ratio = found["milliseconds"], found["ratio"]
+            lines.append(f"| {name} | {_spread(time)} | {_spread(ratio)} |")
+    lines += ["", "## What a process does first", "", *_table("compiling [s]|from the cache [s]")]
+    for what, seconds in result["first"].items():
+        lines.append(f"| {what} | {seconds['cold']:.2f} | {seconds['cached']:.2f} |")
+    if result["training"]:
+        lines += ["", "## Training", "", *_table("seconds, simulation included")]
+        lines += [f"| {name} | {s:.1f} |" for name, s in result["training"].items()]
+    for what, rows in result["growth"].items():
+        header = "|".join(["episodes", "seconds", "ms an episode", "memory so far [MB]"])
+        lines += ["", f"## Laguerre features and targets by {what}", "", *_table(header)]
+        for row in rows:
+            each = 1e3 * row["seconds"] / row["count"]
+            lines.append(
+                f"| {row['size']} {what} | {row['count']} | {row['seconds']:.2f} | {each:.3g} "
+                f"| {row['megabytes']:.0f} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def picture(result: dict[str, Any]) -> Figure:
+    """Draw what an answer of each tuner costs, and how data sets' costs grow."""
+    with style.context(["default", STYLE]):
+        figure = Figure(figsize=(WIDTH, 5.6))
+        parts = figure.subplot_mosaic("AA;BC", height_ratios=[1.25, 1])
+        _answers(parts["A"], {how: result["stages"][how] for how in ANSWERS})
+        for axes, what in ((parts["B"], "episodes"), (parts["C"], "samples")):
+            _growth(axes, what, result["growth"][what])
+    return figure
+
+
+def _answers(axes: Axes, found: dict[str, Any]) -> None:
+    """One row a tuner, one mark a way of asking."""
+    for (how, times), marker in zip(found.items(), MARKERS, strict=True):
+        for row, tuner in enumerate(TUNERS):
+            time, hue = times[tuner]["milliseconds"], colour(tuner)
+            axes.hlines(row, time["least"], time["most"], color=hue, lw=1.4)
+            axes.plot([time["median"]], [row], color=hue, marker=marker, mec="white", ms=8)
+        axes.plot([], [], color=INK, marker=marker, ls="", label=how.removeprefix("Gains, "))
+    axes.set(xscale="log", ylim=(len(TUNERS) - 0.5, -0.5))
+    axes.set_xlabel("time an episode, from raw arrays to gains [ms]")
+    axes.set_yticks(range(len(TUNERS)), TUNERS)
+    axes.grid(False, axis="y")
+    axes.legend(loc="lower left")
+
+
+def _growth(axes: Axes, what: str, rows: Sequence[dict[str, float]]) -> None:
+    """Seconds, or milliseconds an episode, and a line of slope one through the last."""
+    size = np.array([row["size"] for row in rows], dtype=float)
+    seconds = np.array([row["seconds"] for row in rows])
+    each = what == "samples"
+    cost = 1e3 * seconds / [row["count"] for row in rows] if each else seconds
+    axes.plot(size, cost[-1] * size / size[-1], color=INK, lw=0.8, ls=(0, (4, 3)), label="linear")
+    axes.plot(size, cost, color=colour("ts-ff-lag"), marker="o", label="measured")
+    axes.set(
+        xscale="log", yscale="log", xlabel=f"{what} in a{'n episode' if each else ' data set'}"
+    )
+    axes.set_ylabel("time an episode [ms]" if each else "time [s]")
+    axes.legend()
+
+
+def _table(columns: str) -> list[str]:
+    count = columns.count("|") + 2
+    return [f"| |{columns}|", "|" + "---|" * count]
+
+
+def _spread(values: dict[str, float]) -> str:
+    median, least, most = (_number(values[name]) for name in ("median", "least", "most"))
+    return f"{median} ({least} to {most})"
+
+
+def _number(value: float) -> str:
+    """Three significant digits, or whole."""
+    return f"{value:.0f}" if value >= 1000 else f"{value:.3g}"

@@ -1,0 +1,74 @@
+"""Training sets that contain each other, simulated once."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from tuners.catalogue import TRAINING_SEED, train
+from tuners.features import FirstStage
+from tuners.tuner.stages import Recipe
+from tuners.tuner.two_stage import TwoStage
+from tuners.yaw_rate import yaw_rate
+from yawrate_env.batch import concatenate, take
+from yawrate_env.plant.episodes import Examples, compressed
+from yawrate_env.vehicle.task import Task
+
+Progress = Callable[[int, int], None]
+
+ROWS = 40_000
+"""Fresh noise on the same vehicles stops here: beyond it another vehicle teaches as much."""
+
+
+def noise_draws(recipe: Recipe, vehicles: int) -> int:
+    """The recipe's own, fewer where there are many vehicles, 1 at least."""
+    return max(min(recipe.noise_draws, ROWS // vehicles), 1)
+
+
+def simulate(
+    task: Task,
+    compressor: FirstStage,
+    draws: Mapping[int, int],
+    progress: Progress | None = None,
+) -> list[Examples]:
+    """Data of the ``train`` set, one part a noise draw, enough for all the sizes.
+
+    Parameters
+    ----------
+    draws : mapping
+        Numbers of vehicles, and how many noise draws each is wanted with.
+    """
+    counts = [max(m for m, d in draws.items() if d > r) for r in range(max(draws.values()))]
+    parts, done = [], 0
+    for repeat, count in enumerate(counts):
+        blocks = []
+        for rows, _ in compressed(
+            yaw_rate(task), "train", TRAINING_SEED, 0, count, compressor, repeat
+        ):
+            blocks.append(rows)
+            done += len(rows)
+            if progress is not None:
+                progress(done, sum(counts))
+        parts.append(concatenate(blocks))
+    return parts
+
+
+def first(parts: list[Examples], vehicles: int, draws: int) -> Examples:
+    """What `yawrate_env.plant.episodes.examples` makes of so many vehicles and noise draws."""
+    return concatenate([take(part, slice(0, vehicles)) for part in parts[:draws]])
+
+
+def trained(
+    recipe: Recipe,
+    task: Task,
+    parts: list[Examples],
+    vehicles: int,
+    draws: int,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> TwoStage:
+    """Train a recipe on the first `vehicles` of the data."""
+    return train(
+        replace(recipe, noise_draws=draws),
+        task,
+        episodes=vehicles,
+        dataset=first(parts, vehicles, draws),
+        progress=progress,
+    )

@@ -1,0 +1,210 @@
+"""The page ``results/README.md``: the scoreboard, and how to read it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.metrics import rms
+from studies.scoreboard import PROTOCOL, Estimate, EvaluationProtocol, Row, to_json
+from tuners.catalogue import NAMES
+from tuners.trust.vehicle_bound import cramer_rao
+from yawrate_env.files import write_text
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.task import Prior, Task
+
+Array = NDArray[np.float64]
+
+EXAMPLE = '''\
+# my_agent.py
+import numpy as np
+
+
+class Fixed:
+    """The same gains for every vehicle."""
+
+    def predict(self, obs, state=None, episode_start=None, deterministic=True):
+        return np.tile([0.23, 0.28], (len(obs), 1)), state  # kp [s], Ti [s]
+'''
+
+_PAGE = """\
+# Results
+
+Made by `make results`; edits are overwritten. The same figures for programs:
+[scoreboard.json](scoreboard.json).
+
+## {title}
+
+| | |
+|---|---|
+| environment | `yawrate/PITuning-v0` with its default arguments |
+| episodes | {episodes} of each context set, seed {seed}; the same ones for every tuner |
+| recording | {N} samples of {Ts:g} s at {snr:g} dB, {register} PRBS of ±{amplitude:g}°, bits of \
+{bit:g} s |
+| vehicles, set `test` | {prior} |
+| vehicles, set `extrapolation` | {beyond} |
+| controller | PI at {Ts_control:g} s, {delay} |
+| target | phase margin {phase_margin:g}°, crossover {crossover:g} Hz |
+| training | not at all, or on other episodes: the `train` set, or the environment's own |
+
+{tables}
+{missing}\
+## How to read it
+
+- **Score**: linear in mean reward, 0 for `nominal` (the fixed gains of the mid-prior vehicle: what
+  a tuner achieves that does not look) and 1 for `oracle` (the design rule that knows the vehicle).
+  Negative means worse than not looking. It is what to compare by; where it is all nines, compare
+  the regret.
+- **Reward** and **regret**: with e = hypot(phase-margin error / 10°, crossover error / 0.25 Hz), a
+  stable loop earns −e/(1 + e/4), an unstable one −5. Regret is the mean of the oracle's reward
+  minus the tuner's on the same episode; 0.01 is about 0.1° or 0.0025 Hz.
+- **rmse**: root mean square of the distance from the target, bias included; **× bound**: over the
+  least that any unbiased tuner can reach ([accuracy.md](accuracy.md)).
+- **Brackets**: 95 % bootstrap intervals over episodes. They say how well {episodes} episodes
+  determine the figure for *this* trained tuner; they do not cover what another training seed
+  would give{seeds}. All tuners get the same episodes, so two may differ for certain though
+  their brackets overlap.
+- **`extrapolation`** asks what happens to vehicles that training never showed, stickier and
+  heavier at once: {beyond}.
+  `nominal` and the learned tuners are made for the prior; `gb` assumes the equations of motion
+  only, and `oracle` knows the vehicle. A tuner that falls far behind `gb` here does not
+  extrapolate: boosted trees, for one, answer as at the edge of what they were shown.
+
+## Your own policy
+
+Anything with Stable-Baselines3's `predict` goes in: for a batch of observations (B, 2, N) it
+returns actions (B, 2) in physical units (clipped to the environment's bounds) and the state.
+
+```python
+{example}```
+
+```sh
+# one row an episode, beside others
+python scripts/evaluate.py --policy my_agent:Fixed --tuner ts-ff --out rows.csv
+# its score on a page like this one
+python scripts/make_results.py --policy my_agent:Fixed --results mine
+```
+
+`--sb3 model.zip` takes a model that Stable-Baselines3 or sb3-contrib saved, trained in
+`yawrate/PITuning-v0` or in `yawrate/PITuningFeatures-v0` (its spaces say which) without further
+wrappers; such files hold pickles, so load trusted ones only. A policy that learned needs episodes
+of its own: train on `gymnasium.make(...)`, never on the `test` or `extrapolation` set. When you
+quote a score, quote the protocol's version with it.
+"""
+
+_OTHERS = {
+    "table3.md": "the paper's Table III beside ours, from tuners trained afresh",
+    "rl.md": "reinforcement-learning agents, seed by seed, and the median over five seeds",
+    "accuracy.md": "how near to the Cramér–Rao bound, why not nearer, and when not to trust it",
+    "off_design.md": "every tuner under other noise, lengths, excitations and wrong vehicle data",
+    "schedule.md": "gains over speed, and the price of a wrong speed",
+    "nonlinear.md": "what a linear twin costs when the tyres saturate",
+    "benchmark.md": "computing times beside other libraries and the machine's limits",
+    "datasets.md": "time and memory of data sets up to a million episodes",
+    "episodes.csv": "one row an episode and tuner behind `table3.md`",
+}
+
+
+def write(board: Sequence[Row], protocol: EvaluationProtocol, folder: Path) -> None:
+    """Write ``README.md`` and ``scoreboard.json`` into a folder that exists."""
+    others = {name: what for name, what in _OTHERS.items() if (folder / name).exists()}
+    write_text(folder / "scoreboard.json", to_json(board, protocol))
+    write_text(folder / "README.md", page(board, protocol, others))
+
+
+def page(board: Sequence[Row], protocol: EvaluationProtocol, others: dict[str, str]) -> str:
+    """Build the whole page; `others` are further files of the folder and what they hold."""
+    task = Task()
+    e, t = task.experiment, task.target
+    beyond = CONTEXT_SETS["extrapolation"].beyond
+    assert beyond is not None
+    absent = [name for name in NAMES if name not in {row.tuner for row in board}]
+    text = _PAGE.format(
+        title=_title(protocol),
+        episodes=protocol.episodes,
+        seed=protocol.seed,
+        N=e.N,
+        Ts=e.Ts,
+        snr=e.snr_db,
+        register="the same" if e.register == "same" else "a random",
+        amplitude=np.degrees(e.amplitude),
+        bit=e.bit_time,
+        prior=_vehicles(task.prior, task.prior),
+        beyond=_vehicles(beyond, task.prior),
+        Ts_control=t.Ts,
+        delay=f"{t.delay_samples} samples of delay" if t.delay_samples else "no delay",
+        phase_margin=t.phase_margin,
+        crossover=t.crossover,
+        tables="\n".join(_section(board, protocol, name) for name in protocol.context_sets),
+        missing=f"Not here, since the package ships no file for them: {_names(absent)}.\n\n"
+        if absent
+        else "",
+        seeds=" ([rl.md](rl.md) does, for five)" if "rl.md" in others else "",
+        example=EXAMPLE,
+    )
+    if not others:
+        return text
+    listed = "\n".join(f"- [{name}]({name}): {what}" for name, what in others.items())
+    return f"{text}\n## Also here\n\n{listed}\n"
+
+
+def table(rows: Sequence[Row], bound: Array) -> str:
+    """Rows of one context set, and the bound (2,) on phase margin [deg] and crossover [Hz]."""
+    lines = [
+        "| tuner | learned from | score | mean reward | regret to the oracle "
+        "| phase margin rmse [°] | crossover rmse [Hz] | × bound | unstable |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        cells = [f"`{row.tuner}`", row.learned_from or "–", _fixed(row.score)]
+        cells += [_short(x) for x in (row.reward, row.regret, row.phase_margin, row.crossover)]
+        ratios = np.array([row.phase_margin.value, row.crossover.value]) / bound
+        cells.append(" / ".join("0" if ratio < 1e-6 else f"{ratio:.3g}" for ratio in ratios))
+        lines.append("| " + " | ".join([*cells, str(row.unstable)]) + " |")
+    least = " | ".join(f"{value:#.3g}" for value in bound)
+    lines.append(f"| *Cramér–Rao bound* | – | | | | {least} | 1 / 1 | |")
+    return "\n".join(lines) + "\n"
+
+
+def bound(protocol: EvaluationProtocol, context: str) -> Array:
+    """Root mean square of the bound over a protocol's episodes, (2,) [deg], [Hz]."""
+    task = Task()
+    draw = CONTEXT_SETS[context].draw(task.prior, protocol.seed, 0, protocol.episodes)
+    return rms(cramer_rao(task, draw))
+
+
+def _section(board: Sequence[Row], protocol: EvaluationProtocol, context: str) -> str:
+    chosen = [row for row in board if row.context_set == context]
+    return f"### Context set `{context}`\n\n{table(chosen, bound(protocol, context))}"
+
+
+def _title(protocol: EvaluationProtocol) -> str:
+    if protocol == PROTOCOL:
+        return f"Evaluation protocol {protocol.version}"
+    return f"A trial: evaluation protocol {protocol.version} cut to {protocol.episodes} episodes"
+
+
+def _vehicles(prior: Prior, at: Prior) -> str:
+    low, high = at.v_x
+    speed = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    return (
+        f"μs {prior.mu_s[0]:g} to {prior.mu_s[1]:g}, Mδ {prior.M_delta[0]:g} to "
+        f"{prior.M_delta[1]:g} kg, {speed} m/s"
+    )
+
+
+def _names(names: Sequence[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def _fixed(x: Estimate) -> str:
+    return f"{x.value:.4f} ({x.low:.4f} to {x.high:.4f})"
+
+
+def _short(x: Estimate) -> str:
+    """Three digits; what is rounding error shows as 0."""
+    value, low, high = (
+        "0" if abs(v) < 1e-9 else f"{v:#.3g}".removesuffix(".") for v in (x.value, x.low, x.high)
+    )
+    return f"{value} ({low} to {high})"

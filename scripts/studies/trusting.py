@@ -1,0 +1,337 @@
+"""Whether tuners know when not to be trusted.
+
+Four questions, each on episodes that no training and no calibration saw: faulty and
+foreign recordings (`studies.faults`), usual ones, usable ones of an unusual experiment,
+and whether intervals of 90 % hold nine times in ten.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies import faults
+from tuners.trust.vehicle_bound import cramer_rao
+from tuners.trust.vehicle_calibration import assessed
+from tuners.tuner.recording import Recording
+from tuners.tuner.tuner import Tuner
+from yawrate_env.batch import take
+from yawrate_env.loop.simulation import simulate
+from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
+from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.task import Task
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+MISS = (3.0, 0.15)
+"""Gains miss where the true phase margin [deg] or crossover [Hz] is off by more."""
+
+_BATCH = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Count:
+    """What became of the recordings of one kind.
+
+    Attributes
+    ----------
+    kind : str
+        Which.
+    recordings, misses, unstable : int
+        All; those whose gains miss, unstable loops among them; unstable loops.
+    trusted, trusted_misses : int
+        Those that are trusted, and that should not have been.
+    real : bool
+        Whether there is a vehicle behind them.
+    """
+
+    kind: str
+    recordings: int
+    misses: int
+    unstable: int
+    trusted: int
+    trusted_misses: int
+    real: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """How often the intervals hold, for some vehicles.
+
+    Attributes
+    ----------
+    vehicles : str
+        Which.
+    episodes : int
+        How many.
+    phase_margin, crossover : float
+        Share of episodes whose true value lies inside.
+    width : tuple of float
+        Mean full width [deg], [Hz].
+    bound : tuple of float
+        Width that the Cramer-Rao bound and a normal error would give.
+    """
+
+    vehicles: str
+    episodes: int
+    phase_margin: float
+    crossover: float
+    width: tuple[float, float]
+    bound: tuple[float, float]
+
+
+def faulty(tuner: Tuner, count: int, seed: int, progress: Progress | None = None) -> list[Count]:
+    """Every kind of `studies.faults.KINDS`, `count` recordings each."""
+    rows = []
+    for number, (name, kind) in enumerate(faults.KINDS.items()):
+        made = kind(tuner.task, np.random.default_rng((seed, number)), count)
+        good, stable, trusted = [], [], []
+        for i in range(0, count, _BATCH):
+            part = slice(i, min(i + _BATCH, count))
+            design, found = tuner.assess(made.recording.part(part))
+            trusted.append(found.trusted)
+            vehicles = made.vehicle if len(made.vehicle) == 1 else made.vehicle[part]
+            g, s = _judged(tuner.task, vehicles, take(made.context, part), design.kp, design.Ti)
+            good.append(g)
+            stable.append(s)
+        rows.append(_count(name, *map(np.concatenate, (good, stable, trusted)), real=made.real))
+        if progress is not None:
+            progress("faulty recordings", number + 1, len(faults.KINDS))
+    return rows
+
+
+def usual(tuner: Tuner, episodes: int, seed: int, progress: Progress | None = None) -> Count:
+    """Episodes of the ``test`` set."""
+    good, trusted, done = [], [], 0
+    for block, found, actual in assessed(tuner, "test", episodes, seed):
+        done += len(block)
+        good.append(_good(tuner.task, actual))
+        trusted.append(found.trusted)
+        if progress is not None:
+            progress("usual episodes", done, episodes)
+    ok = np.concatenate(good)
+    return _count("usual episodes", ok, ok, np.concatenate(trusted))
+
+
+def unusual(tuner: Tuner, count: int, seed: int, progress: Progress | None = None) -> list[Count]:
+    """Experiments that no training saw, `count` recordings of each kind."""
+    rows = []
+    for number, (name, experiment) in enumerate(UNUSUAL.items()):
+        rng = np.random.default_rng((seed, number))
+        good, stable, trusted = [], [], []
+        for done in range(count):
+            context = faults.of_prior(tuner.task, rng, 1)
+            design, found = tuner.assess(experiment(tuner.task, context, rng))
+            g, s = _judged(tuner.task, (tuner.task.vehicle,), context, design.kp, design.Ti)
+            good.append(g)
+            stable.append(s)
+            trusted.append(found.trusted)
+            if progress is not None:
+                progress(name, done + 1, count)
+        rows.append(_count(name, *map(np.concatenate, (good, stable, trusted))))
+    return rows
+
+
+def coverage(
+    tuner: Tuner, episodes: int, seed: int, progress: Progress | None = None
+) -> list[Coverage]:
+    """Intervals on ``test`` episodes: all of them, and each third of friction."""
+    inside, width, bound, friction, done = [], [], [], [], 0
+    for block, found, actual in assessed(tuner, "test", episodes, seed):
+        half = tuner.calibration.factors * found.spread
+        inside.append(np.abs(actual - found.figures) <= half)
+        width.append(2 * half)
+        draw = CONTEXT_SETS["test"].draw(tuner.task.prior, seed, done, len(half))
+        done += len(block)
+        bound.append(2 * 1.6449 * cramer_rao(tuner.task, draw))
+        friction.append(draw.context.mu_s)
+        if progress is not None:
+            progress("coverage", done, episodes)
+    columns = [np.concatenate(x) for x in (inside, width, bound)]
+    mu_s = np.concatenate(friction)
+    edges = np.linspace(*tuner.task.prior.mu_s, 4)
+    groups = {"all": np.ones(len(mu_s), dtype=bool)}
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        groups[f"friction {low:.2f} to {high:.2f}"] = (mu_s >= low) & (mu_s <= high)
+    rows = []
+    for name, chosen in groups.items():
+        held, wide, least = (values[chosen].mean(axis=0) for values in columns)
+        rows.append(
+            Coverage(
+                name, int(chosen.sum()), float(held[0]), float(held[1]),
+                (float(wide[0]), float(wide[1])), (float(least[0]), float(least[1])),
+            )
+        )  # fmt: skip
+    return rows
+
+
+def recorded(
+    task: Task,
+    context: Context,
+    rng: np.random.Generator,
+    *,
+    bit_time: float = 0.1,
+    snr_db: float = 30.0,
+    seconds: float = 10.0,
+    skipped: float = 0.0,
+    bias: float = 0.0,
+) -> Recording:
+    """One vehicle under a random register.
+
+    Parameters
+    ----------
+    bit_time, seconds : float
+        Time that bits are held, and length of the recording [s].
+    skipped : float
+        Driven before the recording starts [s].
+    bias : float
+        Offset of the yaw rate, in parts of its root mean square, and of the command, in
+        parts of its amplitude.
+    """
+    Ts, amplitude = task.experiment.Ts, task.experiment.amplitude
+    N, first = round((seconds + skipped) / Ts), round(skipped / Ts)
+    start = rng.integers(0, 2**63, 1, dtype=np.uint64)
+    u = prbs(N, Ts, bit_time, amplitude, order=RANDOM_ORDER, start=start)
+    clean = simulate(plants(task.vehicle, context, Ts), u)[:, first:]
+    rms = np.sqrt((clean**2).mean())
+    y = clean + rms * (10 ** (-snr_db / 20) * rng.standard_normal(clean.shape) + bias)
+    return Recording(np.ascontiguousarray(u[:, first:] + bias * amplitude), y, Ts, context.v_x)
+
+
+Experiment = Callable[[Task, Context, np.random.Generator], Recording]
+
+UNUSUAL: dict[str, Experiment] = {
+    "another register and bit time (0.05 to 0.3 s)": lambda task, context, rng: recorded(
+        task, context, rng, bit_time=rng.uniform(0.05, 0.3)
+    ),
+    "20 to 40 dB": lambda task, context, rng: recorded(
+        task, context, rng, snr_db=rng.uniform(20, 40)
+    ),
+    "5 to 20 s": lambda task, context, rng: recorded(
+        task, context, rng, seconds=rng.uniform(5, 20)
+    ),
+    "a start in mid-drive, offsets": lambda task, context, rng: recorded(
+        task, context, rng, skipped=rng.uniform(1, 5), bias=rng.uniform(-0.5, 0.5)
+    ),
+    "all of these": lambda task, context, rng: recorded(
+        task, context, rng, bit_time=rng.uniform(0.05, 0.3), snr_db=rng.uniform(20, 40),
+        seconds=rng.uniform(5, 20), skipped=rng.uniform(1, 5), bias=rng.uniform(-0.5, 0.5),
+    ),
+}  # fmt: skip
+"""Experiments unlike any that a tuner was trained on, which it should cope with."""
+
+
+def to_markdown(results: dict[str, Any]) -> str:
+    """The study's tables."""
+    lines = []
+    for name, found in results.items():
+        lines += [f"## `{name}`", "", *_counts_table(found["faulty"]), ""]
+        lines += [*_trusted_table([found["usual"], *found["unusual"]]), ""]
+        lines += [*_coverage_table(found["coverage"]), ""]
+    return "\n".join(lines)
+
+
+def run(
+    tuners: dict[str, Tuner], *, faults_each: int, episodes: int, unusual_each: int,
+    covered: int, seed: int, progress: Progress | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """All four questions to every tuner, as plain values."""
+    return {
+        name: {
+            "faulty": [asdict(row) for row in faulty(tuner, faults_each, seed, progress)],
+            "usual": asdict(usual(tuner, episodes, seed, progress)),
+            "unusual": [asdict(row) for row in unusual(tuner, unusual_each, seed, progress)],
+            "coverage": [asdict(row) for row in coverage(tuner, covered, seed + 1, progress)],
+            "calibration": asdict(tuner.calibration),
+        }
+        for name, tuner in tuners.items()
+    }
+
+
+def _good(task: Task, margins: Array) -> NDArray[np.bool_]:
+    target = np.array([task.target.phase_margin, task.target.crossover])
+    return np.asarray((np.abs(margins - target) <= MISS).all(axis=1))
+
+
+def _judged(
+    task: Task, vehicles: Sequence[Any], context: Context, kp: Array, Ti: Array
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Whether gains are good for the true vehicles, and whether the loops are stable."""
+    good, stable = [], []
+    for part, vehicle in _by_vehicle(vehicles, len(context)):
+        verdict = Judge.of(replace(task, vehicle=vehicle), take(context, part))(kp[part], Ti[part])
+        margins = np.stack([verdict.margins.phase_margin, verdict.margins.crossover], axis=1)
+        good.append(_good(task, margins) & verdict.stable)
+        stable.append(verdict.stable)
+    return np.concatenate(good), np.concatenate(stable)
+
+
+def _by_vehicle(vehicles: Sequence[Any], count: int) -> Iterator[tuple[slice, Any]]:
+    if len(vehicles) == 1:
+        yield slice(0, count), vehicles[0]
+        return
+    for i, vehicle in enumerate(vehicles):
+        yield slice(i, i + 1), vehicle
+
+
+def _count(
+    kind: str,
+    good: NDArray[np.bool_],
+    stable: NDArray[np.bool_],
+    trusted: NDArray[np.bool_],
+    *,
+    real: bool = True,
+) -> Count:
+    return Count(
+        kind, len(good), int((~good).sum()), int((~stable).sum()),
+        int(trusted.sum()), int((trusted & ~good).sum()), real,
+    )  # fmt: skip
+
+
+def _counts_table(rows: Sequence[dict[str, Any]]) -> list[str]:
+    columns = ("recordings", "misses", "unstable", "trusted", "trusted_misses")
+    pooled = {key: sum(row[key] for row in rows) for key in columns}
+    lines = [
+        "| faulty or foreign | recordings | gains miss | unstable | trusted | trusted, missing |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in [*rows, {"kind": "**together**", "real": True, **pooled}]:
+        note = "" if row["real"] else " (no vehicle behind it)"
+        lines.append(f"| {row['kind']}{note} | " + " | ".join(str(row[c]) for c in columns) + " |")
+    return lines
+
+
+def _trusted_table(rows: Sequence[dict[str, Any]]) -> list[str]:
+    lines = [
+        "| usable | recordings | gains miss | trusted of the good | trusted and missing |",
+        "|---|---|---|---|---|",
+    ]
+    for row in rows:
+        good = row["recordings"] - row["misses"]
+        share = (row["trusted"] - row["trusted_misses"]) / max(good, 1)
+        lines.append(
+            f"| {row['kind']} | {row['recordings']} | {row['misses']} | {share:.1%} "
+            f"| {row['trusted_misses']} |"
+        )
+    return lines
+
+
+def _coverage_table(rows: Sequence[dict[str, Any]]) -> list[str]:
+    lines = [
+        "| intervals of 90 % | episodes | phase margin inside | crossover inside "
+        "| mean width [°] (bound's) | mean width [Hz] (bound's) |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        (w, f), (bw, bf) = row["width"], row["bound"]
+        lines.append(
+            f"| {row['vehicles']} | {row['episodes']} | {row['phase_margin']:.1%} "
+            f"| {row['crossover']:.1%} | {w:.4f} ({bw:.4f}) | {f:.5f} ({bf:.5f}) |"
+        )
+    return lines

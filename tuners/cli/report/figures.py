@@ -1,0 +1,193 @@
+"""The report's figures, as SVG with real text that a page can style.
+
+Every figure is drawn for half of a desktop page, which is also what a phone shows; the
+recording is drawn twice, for wide and for narrow pages.
+"""
+
+import io
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib import style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
+from numpy.typing import NDArray
+
+from tuners.cli.report.numbers import hertz
+from tuners.cli.report.residuals import Correlation
+from yawrate_env.env import rendering
+from yawrate_env.plant.names import split
+from yawrate_env.plant.responses import OpenLoop, Response
+
+Array = NDArray[np.float64]
+
+HALF, FULL = 4.7, 9.8  # inch
+MOST_POINTS = 3000  # of a drawn line
+MEASURED, MODEL, RESIDUAL = "#9db4c8", "#b0307a", "#69717a"
+STYLE = {
+    **rendering.STYLE,
+    "font.size": 9.5,
+    "axes.titlesize": 10.0,
+    "figure.constrained_layout.use": True,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "svg.fonttype": "none",
+    "legend.fontsize": 9.0,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Traces:
+    """A recording beside the fitted model, (N,) arrays in the units of their labels.
+
+    Attributes
+    ----------
+    t0, Ts : float
+        Time of the first sample, and of each further one [s].
+    command, measured, simulated : NDArray
+        What went in, what came out, and what the model says.
+    labels : tuple of str
+        Of what went in and what came out, as in ``yaw rate [deg/s]``.
+    """
+
+    t0: float
+    Ts: float
+    command: Array
+    measured: Array
+    simulated: Array
+    labels: tuple[str, str]
+
+
+def recording(traces: Traces, width: float) -> Figure:
+    """The recording with the fitted model over it, and what is left over."""
+    every = max(1, len(traces.measured) // MOST_POINTS)
+    signals = (traces.command, traces.measured, traces.simulated)
+    u, y, model = (signal[::every] for signal in signals)
+    time = traces.t0 + traces.Ts * every * np.arange(len(y))
+    command, output = traces.labels
+    with style.context(["default", STYLE]):
+        picture = Figure(figsize=(width, 4.6))
+        above, middle, below = picture.subplots(3, 1, sharex=True, height_ratios=[1, 2.6, 1])
+        above.plot(time, u, color=rendering.COMMAND, lw=1.0, drawstyle="steps-post")
+        above.set_ylabel(_two_lines(command))
+        middle.plot(time, y, color=MEASURED, lw=1.4, label="measured")
+        middle.plot(time, model, color=MODEL, lw=0.9, label="fitted model")
+        middle.set_ylabel(_two_lines(output))
+        middle.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=2, borderaxespad=0)
+        below.plot(time, y - model, color=RESIDUAL, lw=0.7)
+        below.set(ylabel=_two_lines("residual", output), xlabel="time [s]")
+        below.set_xlim(time[0], time[-1])
+        for axes in (above, middle, below):
+            axes.yaxis.set_major_locator(MaxNLocator(4 if axes is middle else 2))
+        picture.align_ylabels()
+    return picture
+
+
+def bode(loop: OpenLoop) -> Figure:
+    """The open loop with its margins marked."""
+    margins = loop.marked
+    crossover, turn = float(margins.crossover[0]), float(margins.phase_crossover[0])
+    magnitude, phase = loop.magnitude, loop.phase
+    with style.context(["default", STYLE]):
+        picture = Figure(figsize=(HALF, 4.4))
+        above, below = picture.subplots(2, 1, sharex=True)
+        line: dict[str, Any] = {"color": rendering.LOOP, "lw": 1.8}
+        above.semilogx(loop.frequency, magnitude, **line)
+        below.semilogx(loop.frequency, phase, **line)
+        above.axhline(0, color=rendering.INK, lw=0.8)
+        below.axhline(-180, color=rendering.INK, lw=0.8)
+        above.set(ylabel="magnitude [dB]", ylim=(-50, max(30, float(magnitude.max()) + 5)))
+        below.set(
+            ylabel="phase [deg]",
+            xlabel="frequency [Hz]",
+            ylim=(-285, max(-30.0, float(phase.max()) + 15)),
+        )
+        below.yaxis.set_major_locator(MultipleLocator(45))
+        _hertz(below)
+        if np.isfinite(crossover):
+            bottom = -180 + float(margins.phase_margin[0])
+            _mark(above, crossover, 0.0, f"{hertz(crossover)} Hz", (7, 7))
+            _span(below, crossover, bottom, f"{bottom + 180:.1f}°", align="right")
+        if np.isfinite(turn):
+            gain = float(margins.gain_margin[0])
+            _span(above, turn, -gain, f"{gain:.1f} dB", 0.0)
+            _mark(below, turn, -180.0, f"{hertz(turn)} Hz", (-7, -14), "right")
+    return picture
+
+
+def responses(drawn: tuple[Response, ...], output: str, width: float = HALF) -> Figure:
+    """What a loop does over time.
+
+    Parameters
+    ----------
+    output : str
+        Label of the responses that have none of their own.
+    """
+    with style.context(["default", STYLE]):
+        picture = Figure(figsize=(width, max(2.6, 2.2 * len(drawn))))
+        every = picture.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, response in zip(every, drawn, strict=True):
+            axes.axhline(response.wanted, color=rendering.TARGET, lw=1.0, dashes=(4, 3))
+            axes.plot(response.time, response.value, color=rendering.LOOP, lw=1.8)
+            axes.set(title=response.title, ylabel=response.label or output)
+        every[-1].set(xlabel="time [s]", xlim=(0, max(r.time[-1] for r in drawn)))
+    return picture
+
+
+def correlation(found: Correlation, title: str) -> Figure:
+    """A correlation of the residual and its 99 % band; without lag 0 of an autocorrelation."""
+    inner = found.value < 1 - 1e-9
+    limit = 1.2 * max(2.5 * found.band, float(np.abs(found.value[inner]).max(initial=0)))
+    with style.context(["default", STYLE]):
+        picture = Figure(figsize=(HALF, 2.6))
+        axes = picture.subplots()
+        axes.axhspan(-found.band, found.band, color=rendering.TARGET, alpha=0.16, lw=0)
+        axes.axhline(0, color=rendering.INK, lw=0.8)
+        axes.plot(found.lag[inner], found.value[inner], color=rendering.YAW_RATE, lw=1.0)
+        axes.set(title=title, ylim=(-limit, limit), xlim=(found.lag[0], found.lag[-1]))
+        axes.set(xlabel="lag [s]", ylabel="correlation")
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+    return picture
+
+
+def svg(picture: Figure, name: str) -> str:
+    """Markup to put into a page: scales with it, and uses the page's font."""
+    text = io.StringIO()
+    with style.context(["default", STYLE, {"svg.hashsalt": name}]):
+        picture.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    markup = text.getvalue()[text.getvalue().index("<svg") :]
+    markup = re.sub(r"<metadata>.*?</metadata>", "", markup, flags=re.DOTALL)
+    markup = re.sub(r' id="[a-z]+[\w.]*_\d+"', "", markup)  # of groups; two figures share them
+    head, rest = markup.split(">", 1)
+    head = re.sub(r' (width|height)="[^"]*"', "", head)
+    return f'{head} role="img" aria-label="{name}">{rest}'
+
+
+def _two_lines(label: str, unit_of: str = "") -> str:
+    """A name above its unit, or above another's."""
+    name, unit = split(unit_of or label)
+    return f"{label if unit_of else name}\n[{unit}]" if unit else label
+
+
+def _mark(
+    axes: Axes, x: float, y: float, words: str, offset: tuple[int, int], align: Any = "left"
+) -> None:
+    axes.plot([x], [y], "o", color=rendering.TARGET, ms=5, zorder=4)
+    axes.annotate(words, (x, y), offset, textcoords="offset points", ha=align, color=rendering.INK)
+
+
+def _span(
+    axes: Axes, x: float, y: float, words: str, foot: float = -180.0, align: Any = "left"
+) -> None:
+    axes.plot([x, x], [foot, y], color=rendering.TARGET, lw=2.2, zorder=3, solid_capstyle="butt")
+    middle = (foot + y) / 2
+    beside = (6 if align == "left" else -6, 0)
+    axes.annotate(words, (x, middle), beside, textcoords="offset points", va="center", ha=align,
+                  color=rendering.INK, weight="bold")  # fmt: skip
+
+
+def _hertz(axes: Axes) -> None:
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -1,0 +1,53 @@
+"""First stage: the recording's own frequency response around the crossover.
+
+A Laguerre model is fitted by least squares and shown by log magnitude and phase at a few
+frequencies.  These are the loop coordinates of the plant: what a controller must supply at the
+crossover is nearly linear in them, for every speed, so that a learner spends its neurons on
+weighing them rather than on bending coefficients.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.features.laguerre import Laguerre
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class FrequencyResponse:
+    """Compressor: log magnitude and phase [rad] of a Laguerre model.
+
+    Attributes
+    ----------
+    order : int
+        Number of Laguerre functions.
+    pole : float
+        Their common pole, continuous [rad/s].
+    low, high : float
+        Lowest and highest frequency [Hz].
+    points : int
+        Frequencies, evenly spaced in their logarithm.
+    """
+
+    order: int = 12
+    pole: float = 12.0
+    low: float = 0.3
+    high: float = 6.0
+    points: int = 6
+
+    def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Features (B, 2 points) of episodes sampled at `Ts` [s], and which are usable (B,)."""
+        coefficients, usable = Laguerre(self.order, self.pole)(u, y, Ts)
+        response = coefficients @ self.functions(Ts)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            magnitude = np.log(np.abs(response))
+        features = np.concatenate([magnitude, np.unwrap(np.angle(response), axis=1)], axis=1)
+        return features, np.asarray(usable & np.isfinite(features).all(axis=1))
+
+    def functions(self, Ts: float) -> NDArray[np.complex128]:
+        """Responses of the Laguerre functions at its frequencies, (order, points)."""
+        omega = 2 * np.pi * np.geomspace(self.low, self.high, self.points)
+        return Laguerre(self.order, self.pole).frequency_response(omega, Ts)

@@ -1,6 +1,0 @@
-"""One self-contained HTML page about an answer: why to believe it, or why not."""
-
-from tuners.report.page import render, write_report
-from tuners.report.plant_page import render_plant, write_plant_report
-
-__all__ = ["render", "render_plant", "write_plant_report", "write_report"]

@@ -1,0 +1,37 @@
+"""The Cramér-Rao bound on a plant's figures, by differences.
+
+As in `tuners.trust.vehicle_bound`: whoever estimates the parameters without bias from an experiment
+with white noise, designs with the estimate and closes the loop around the true plant
+spreads the figures by at least ``J F^-1 J^T``, with J the derivative of "design with
+theta', judge with theta".
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.trust.identification import central, covariance_of, output_slopes
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-3  # of a range: figures may come from a simulation's samples
+
+
+def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> Array:
+    """Least covariance of the unknown parameters, in widths of their ranges, (B, q, q).
+
+    Parameters
+    ----------
+    u : (N,), (1, N) or (B, N) float64, optional
+        The inputs, if not the experiment's.
+    """
+    slopes = output_slopes(plant, theta, u)
+    return covariance_of(slopes, plant.sigma(plant.respond(theta, u)))
+
+
+def cramer_rao(plant: Plant, theta: Array, u: Array | None = None) -> Array:
+    """Least standard deviations of the figures (B, f) for plants (B, p); `u` as above."""
+    tiled = np.tile(theta, (2 * len(plant.unknown), 1))
+    J = central(plant, theta, lambda t: plant.judged(tiled, plant.oracle(t)), _STEP)
+    variance = np.einsum("bij,bjk,bik->bi", J, parameter_covariance(plant, theta, u), J)
+    return np.asarray(np.sqrt(variance))

@@ -1,0 +1,272 @@
+"""Whether gains can be trusted, judged by the recording that they come from.
+
+The plant's simulator is fitted to the recording (`tuners.trust.fit`), and so is
+a black box that knows nothing of it (`tuners.trust.black_box`).  Gains are trusted where
+the two tell the same story: what the simulator leaves over, the input does not explain
+either, both respond alike at the crossover, the plant found is one of the prior's, with it
+the gains give what the design rule reaches, and the recording holds enough information to
+say so.  Nothing depends on which excitation was used or which tuner answered.  A nonlinear
+plant's simulator explains more than the linear black box, which the comparison allows.
+
+The intervals are the figures of the plant found plus or minus a factor times their standard
+deviation, the factor calibrated by split conformal prediction (Lei et al., 2018) with the
+scaled error as score.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.trust.black_box import BlackBox
+from tuners.trust.fit import Fit, fit, most_coloured
+from tuners.trust.identification import central
+from tuners.tuner.result import Check
+from yawrate_env.plant.names import check_name
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.9
+GAUSSIAN = 1.6449
+"""Half width of the interval of `LEVEL` in standard deviations, for a normal error."""
+
+_DOUBT = 3.0  # standard deviations that a finding must exceed to count
+_STEP = 1e-3  # of a range: figures may come from a simulation's samples
+_WHITE = 2.0  # times white noise's power in a band: what white noise may happen to have
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Largest values that are still trusted; those of the figures are in `Figure`.
+
+    Attributes
+    ----------
+    implausible : float
+        Largest input or output over what a recording of the plant can hold.
+    misfit : float
+        Output that the input explains and the fitted plant does not, over the output,
+        beyond what noise can do.
+    response : float
+        Relative difference of fitted plant and black box at the crossover, beyond what
+        noise can do; 0.02 is about a degree.
+    noise : float
+        Residual over simulated output, root mean squares.
+    colour : float
+        Power of the residual around the crossover over that of white noise; half of all its
+        power there if that is less.
+    outside : float
+        Distance of the fitted plant from the prior in widths of its ranges, beyond what
+        noise can do.
+    unsolved : float
+        Whether the design or the numerics failed, as 1 or 0.
+    """
+
+    implausible: float = 1.0
+    misfit: float = 0.01
+    response: float = 0.02
+    noise: float = 0.3
+    colour: float = 20.0
+    outside: float = 0.1
+    unsolved: float = 0.0
+
+
+_INFORMATION = (
+    "The recording holds too little information: excite more strongly, more quickly, or for longer."
+)
+_MISSED = "With the fitted plant these gains miss what the design rule reaches."
+
+MESSAGES = {
+    "implausible": "The input or the output is larger than it can be: check the units.",
+    "misfit": "No plant that the simulator knows answers this input so: check units, signs, "
+    "sampling time, delays between the channels and what the plant starts from.",
+    "response": "At the crossover the recording responds otherwise than the fitted plant: check "
+    "the sampling time and what is measured beside it.",
+    "noise": "The output hardly follows the input: the sensor is dead, noisy or another's.",
+    "colour": "Something other than the input moves the output around the crossover: a "
+    "disturbance, a drift or a sensor fault.",
+    "outside": "The fitted plant lies outside the prior that the tuner was made for.",
+    "unsolved": "A number is missing or a search did not converge.",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finding:
+    """What B recordings say to one of the questions: values (B,), their limit, and in words."""
+
+    values: Array
+    limit: float
+    message: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assessment:
+    """What B recordings say of gains.
+
+    Attributes
+    ----------
+    model : BlackBox
+        Fitted without knowledge of the plant.
+    fit : Fit
+        The plant found.
+    figures, spread : NDArray
+        (B, f) what the gains give with that plant, and their standard deviations.
+    findings : dict
+        By name of the check.
+    """
+
+    model: BlackBox
+    fit: Fit
+    figures: Array
+    spread: Array
+    findings: dict[str, Finding]
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Where every finding is within its limit, (B,)."""
+        within = [finding.values <= finding.limit for finding in self.findings.values()]
+        return np.asarray(np.all(within, axis=0))
+
+    def checks(self, index: int) -> tuple[Check, ...]:
+        """The checks of one recording, in words."""
+        return tuple(
+            Check(name, float(finding.values[index]), finding.limit, finding.message)
+            for name, finding in self.findings.items()
+        )
+
+    def worded(self, messages: Mapping[str, str]) -> "Assessment":
+        """The same in other words."""
+        findings = {
+            name: replace(finding, message=messages.get(name, finding.message))
+            for name, finding in self.findings.items()
+        }
+        return replace(self, findings=findings)
+
+    def beside(self, **findings: Finding) -> "Assessment":
+        """With what is asked of the recordings beside the plant, asked first."""
+        return replace(self, findings=findings | self.findings)
+
+
+def assess(
+    plant: Plant,
+    model: BlackBox,
+    measured: Array,
+    gains: Array,
+    start: Array,
+    solved: NDArray[np.bool_],
+) -> Assessment:
+    """Ask recordings about gains.
+
+    Parameters
+    ----------
+    model : BlackBox
+        Fitted to the recordings.
+    measured : (B, N) float64
+        Outputs as recorded.
+    gains : (B, k) float64
+    start : (B, p) float64
+        Where the search for the plant starts, with what is measured beside the recordings.
+    solved : (B,) bool
+        Whether the gains' own numerics succeeded.
+    """
+    with np.errstate(all="ignore"):
+        found = fit(plant, model, measured, start)
+        sides = np.tile(gains, (2 * max(len(plant.unknown), 1), 1))
+        figures = plant.judged(found.theta, gains)
+        error = np.abs(figures - plant.wanted(found.theta))
+        J = central(plant, found.theta, lambda t: plant.judged(t, sides[: len(t)]), _STEP)
+        spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, found.covariance, J))
+        solved = solved & found.converged & np.isfinite(gains).all(axis=1)
+        findings = {
+            "implausible": _finding("implausible", _implausible(plant, model.u, measured)),
+            **_of_figures(plant, "spread", spread, _INFORMATION),
+            **_of_recordings(plant, model, found),
+            **_of_figures(plant, "error", error, _MISSED),
+            "unsolved": _finding("unsolved", np.where(solved, 0.0, 1.0)),
+        }
+    return Assessment(model, found, figures, spread, findings)
+
+
+def _of_figures(plant: Plant, what: str, values: Array, message: str) -> dict[str, Finding]:
+    """A finding for each figure, named by it without its unit."""
+    names = (check_name(name, what) for name in plant.figures)
+    parts = zip(names, values.T, plant.figure(what), strict=True)
+    return {name: Finding(v, float(limit), message) for name, v, limit in parts}
+
+
+def _of_recordings(plant: Plant, model: BlackBox, found: Fit) -> dict[str, Finding]:
+    """What black box and fitted plant leave over, and how they differ."""
+    residual, simulated = found.residual, found.simulated
+    values = {
+        "misfit": _misfit(plant, model, found),
+        "noise": np.sqrt((residual**2).mean(axis=1) / simulated.var(axis=1)),
+        "outside": _outside(plant, found),
+    }
+    findings = {name: _finding(name, value) for name, value in values.items()}
+    if plant.crossover is not None:
+        colour = found.noise / (residual**2).mean(axis=1) / model.oversampled
+        most = most_coloured(residual.shape[1], model.Ts, plant.crossover)
+        findings["colour"] = _finding("colour", colour, max(most / 2, _WHITE))
+        if plant.linear:
+            findings["response"] = _finding("response", _response(plant.crossover, model, found))
+    return {name: findings[name] for name in MESSAGES if name in findings}
+
+
+def _finding(name: str, values: Array, at_most: float = np.inf) -> Finding:
+    return Finding(values, min(getattr(Limits(), name), at_most), MESSAGES[name])
+
+
+def _implausible(plant: Plant, u: Array, y: Array) -> Array:
+    """Largest input or output over what can be, (B,)."""
+    largest = zip((u, y), plant.plausible, strict=True)
+    ratios = [np.abs(values).max(axis=1) / limit for values, limit in largest]
+    return np.asarray(np.max(np.broadcast_arrays(*ratios), axis=0))
+
+
+def _misfit(plant: Plant, model: BlackBox, found: Fit) -> Array:
+    """What the black box explains beyond the fitted plant, relative, less what noise can do."""
+    freedom = max(model.functions.order - len(plant.unknown), 1)
+    excess = (found.residual**2).sum(axis=1) - model.residual
+    chance = found.noise * (freedom + _DOUBT * np.sqrt(2 * freedom))
+    return np.asarray(np.sqrt(np.maximum(excess - chance, 0) / (found.simulated**2).sum(axis=1)))
+
+
+def _response(crossover: float, model: BlackBox, found: Fit) -> Array:
+    """Relative difference of black box and fitted plant, less three standard deviations.
+
+    The black box's coefficients on what the plant leaves over are their difference.
+    """
+    functions = model.functions.frequency_response(np.array([2 * np.pi * crossover]), model.Ts)
+    nothing = np.empty((0, model.u.shape[1]))
+    _, right = model.functions.normal_equations(model.u, found.residual, model.Ts, nothing)
+    difference = np.linalg.solve(model.information, right[..., None])[..., 0] @ functions
+    fitted = np.abs(model.coefficients @ functions - difference)[:, 0]
+    scaled = np.linalg.solve(model.information, functions)[..., 0]
+    variance = (scaled @ functions.conj()).real[:, 0]
+    spread = np.sqrt(found.noise * variance) / fitted
+    return np.asarray(np.maximum(np.abs(difference[:, 0]) / fitted - _DOUBT * spread, 0))
+
+
+def _outside(plant: Plant, found: Fit) -> Array:
+    """Distance from the prior in widths of its ranges, less three standard deviations."""
+    free, (low, high) = plant.unknown, plant.ranges
+    theta = found.theta[:, free]
+    slack = _DOUBT * np.sqrt(np.einsum("bii->bi", found.covariance))
+    beyond = np.maximum(low[free] - theta, theta - high[free]) / plant.width
+    return np.asarray(np.maximum(beyond - slack, 0).max(axis=1, initial=0.0))
+
+
+def conformal(predicted: Array, spread: Array, actual: Array, level: float = LEVEL) -> Array:
+    """Split conformal factors (f,) from calibration episodes, (E, f) each.
+
+    The factor is the ceil((E + 1) level)-th smallest scaled error, which makes intervals
+    hold with probability `level` or more whatever the errors' distribution; too few
+    episodes have none, and ``inf``.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scores = np.abs(actual - predicted) / spread
+    scores = np.where(actual == predicted, 0.0, scores)  # 0/0: it was certain
+    scores = np.sort(np.where(np.isnan(scores), np.inf, scores), axis=0)
+    rank = int(np.ceil((len(scores) + 1) * level))
+    return np.asarray(scores[rank - 1] if rank <= len(scores) else np.full(scores.shape[1], np.inf))

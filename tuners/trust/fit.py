@@ -1,0 +1,136 @@
+"""The plant behind recordings of any kind, what it leaves over, and how sure it is.
+
+Where a recording does not start from rest, start and offsets are estimated along: steps
+on signals from which all that they could explain has been projected out (Golub and
+Pereyra's variable projection, 1973).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.trust.black_box import BlackBox, free_responses
+from tuners.trust.identification import (
+    LARGEST_STEP,
+    Found,
+    identify,
+    identify_from_several,
+    inverse_of,
+    moved,
+    output_slopes,
+)
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+_POLISHING = 3
+_BAND = (1 / 7.5, 1 / 0.3)  # of the crossover: where noise matters to the figures
+_COLOURED = 1.7  # noise stronger by this in the band: more than chance for white noise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """The plant behind B recordings, and what it leaves over.
+
+    Attributes
+    ----------
+    theta : NDArray
+        (B, p) parameters found, those that are measured as given.
+    converged : NDArray
+        (B,) whether the search ended at a minimum.
+    simulated : NDArray
+        (B, N) the plant's output, with offset and start where these were estimated.
+    residual : NDArray
+        (B, N) measured minus simulated.
+    noise : NDArray
+        (B,) mean square of the residual, or more where it is stronger around the
+        crossover than elsewhere.
+    covariance : NDArray
+        (B, q, q) of the unknown parameters in widths of their ranges; ``inf`` where the
+        data do not determine them.
+    """
+
+    theta: Array
+    converged: NDArray[np.bool_]
+    simulated: Array
+    residual: Array
+    noise: Array
+    covariance: Array
+
+
+def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
+    """Find the plant behind recordings of any kind.
+
+    Parameters
+    ----------
+    model : BlackBox
+        The recordings, start and offsets taken out.
+    measured : (B, N) float64
+        Outputs as recorded.
+    start : (B, p) float64
+        Where the search starts, with what is measured beside the recordings.
+    """
+    found = _anywhere(plant, model.u, model.y, start)
+    theta, limits = found.theta, plant.limits
+    for _ in range(_POLISHING if model.unknown.any() else 0):
+        error, slopes = _signals(plant, theta, model)
+        with np.errstate(invalid="ignore"):
+            step = (inverse_of(slopes) @ (slopes @ error[..., None]))[..., 0]
+        step = np.where(model.unknown[:, None] & np.isfinite(step), step, 0.0)
+        theta = moved(plant, theta, np.clip(step, -LARGEST_STEP, LARGEST_STEP), *limits)
+    error, slopes = _signals(plant, theta, model)
+    noise = noise_level(error, model.Ts, plant.crossover)
+    if plant.crossover is None:  # nobody looked where interpolated noise is stronger
+        noise = noise * model.oversampled
+    with np.errstate(invalid="ignore"):  # no noise and no information: no answer
+        covariance = noise[:, None, None] * inverse_of(slopes)
+    return Fit(theta, found.converged, measured - error, error, noise, covariance)
+
+
+def _anywhere(plant: Plant, u: Array, y: Array, start: Array) -> Found:
+    """The best that the plant's own search finds, or that by differences, beyond the prior too."""
+    if plant.gray_box is None:
+        inside = identify_from_several(plant, u, y, start)
+        return identify(plant, u, y, inside.theta, beyond=True)
+    found, converged = plant.gray_box(u, y, start)
+    theta, free, (low, high) = start.copy(), plant.unknown, plant.limits
+    theta[:, free] = np.clip(found[:, free], low[free], high[free])
+    return Found(theta, np.full(len(y), np.nan), converged)
+
+
+def noise_level(residual: Array, Ts: float, crossover: float | None) -> Array:
+    """Mean square of residuals (B, N), or their power around the crossover if that is more.
+
+    What counts for the figures is noise that the input could have caused.  White noise
+    has the same power everywhere, and its mean square is the better estimate of it.
+    """
+    overall = (residual**2).mean(axis=1)
+    if crossover is None:
+        return np.asarray(overall)
+    N = residual.shape[1]
+    power = (np.abs(np.fft.rfft(residual)[:, _band(N, Ts, crossover)]) ** 2).mean(axis=1) / N
+    return np.asarray(np.where(power > _COLOURED * overall, power, overall))
+
+
+def most_coloured(N: int, Ts: float, crossover: float) -> float:
+    """How many times stronger than white noise a residual is with all its power in the band."""
+    band = _band(N, Ts, crossover)
+    return float((N // 2) / (min(band.stop, N // 2 + 1) - band.start))
+
+
+def _band(N: int, Ts: float, crossover: float) -> slice:
+    """Around the crossover, in a residual's Fourier transform."""
+    low, high = (max(round(f * crossover * N * Ts), 1) for f in _BAND)
+    return slice(min(low, N // 2), high + 1)
+
+
+def _signals(plant: Plant, theta: Array, model: BlackBox) -> tuple[Array, Array]:
+    """Output errors (B, N) and slopes (B, q, N), with what starts could explain projected out."""
+    error = model.y - plant.respond(theta, model.u)
+    signals = np.concatenate([error[:, None], output_slopes(plant, theta, model.u)], axis=1)
+    unknown = model.unknown
+    if unknown.any():
+        Z, _ = free_responses(model.functions, signals.shape[2], model.Ts)
+        signals[unknown] -= signals[unknown] @ Z.T @ Z
+    return signals[:, 0], signals[:, 1:]

@@ -1,0 +1,227 @@
+"""The environment ``yawrate/PITuning-v0``: a batch of one."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+from numpy.typing import NDArray
+
+from yawrate_env.env import interaction
+from yawrate_env.vehicle.episode import WORDS, Draw
+from yawrate_env.vehicle.task import Task
+
+Observation = NDArray[np.float32]
+Range = float | Sequence[float]
+
+
+class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
+    """Tune the yaw-rate PI controller of an unknown vehicle from one recorded episode.
+
+    ## Description
+
+    A vehicle's friction and mass are drawn at random and hidden.  What is shown is one
+    identification episode: the steering command, a pseudo-random binary signal, and the
+    noisy yaw rate.  One action, the gains of a PI controller, ends the episode; the
+    reward says how far the closed loop's phase margin and crossover are from the target.
+    Vehicle, uncertainty and controller are those of Dettu, Lakshminarayanan, Formentin
+    and Rojas, *From data to control: a two-stage simulation-based approach*.
+
+    ## Action space
+
+    `Box(2,)` float64, clipped to its bounds (the info's `clipped` says so).
+
+    | index | gain | minimum | maximum | unit |
+    |---|---|---|---|---|
+    | 0 | proportional gain `kp` | 0.001 | 10 | s (rad per rad/s) |
+    | 1 | integral time `Ti` | 0.001 | 100 | s |
+
+    ## Observation space
+
+    `Box(2, N)` float32.
+
+    | row | signal | range | unit |
+    |---|---|---|---|
+    | 0 | steering command at the road wheel | ±`amplitude` | rad |
+    | 1 | measured yaw rate | ±20 | rad/s |
+    | 2 | speed, with `visible="speed"` or `"context"` | | m/s |
+    | 3, 4 | `mu_s`, `M_delta`, with `visible="context"` (for upper bounds) | | 1, kg |
+
+    ## Rewards
+
+    With `e = hypot((phase_margin - target)/10 deg, (crossover - target)/0.25 Hz)` the
+    reward is `-e/(1 + e/4)` for a stable loop, -4 for a stable loop without a crossover,
+    and -5 for an unstable one.
+
+    ## Starting state
+
+    `mu_s`, `M_delta` and `v_x` are drawn uniformly from their ranges; `reset(options=
+    {"mu_s": 0.5, "M_delta": 100.0, "v_x": 20.0})` pins any of them.
+
+    ## Episode end
+
+    Every episode terminates after one step. A second `step` raises `ResetNeeded`.
+
+    ## Information
+
+    After the step: `kp`, `Ti` (as applied), `clipped`, `phase_margin` [deg], `crossover`
+    [Hz], `gain_margin` [dB], `stable`, `oracle_kp`, `oracle_Ti`, `mu_s`, `M_delta`, `v_x`.
+    `reset` tells nothing about the truth.
+
+    ## Arguments
+
+    | name | default | meaning |
+    |---|---|---|
+    | `Ts` | 0.001 | sampling time of the episode [s] |
+    | `N` | 10000 | samples of the episode |
+    | `snr_db` | 30 | mean square of the noise-free yaw rate over noise variance [dB] |
+    | `amplitude` | 1 deg | of the steering command [rad] |
+    | `bit_time` | 0.1 | time each bit is held [s] |
+    | `register` | `"same"` | the same sequence in every episode, or a `"random"` one |
+    | `Ts_control` | 0.01 | sampling time of controller and margins [s] |
+    | `delay_samples` | 0 | computation delay in samples of `Ts_control` |
+    | `phase_margin` | 60 | target [deg] |
+    | `crossover` | 1.5 | target [Hz] |
+    | `controller` | `"pi"` | or `"printed"`: the paper's eq. (13) to the letter |
+    | `mu_s` | [0.3, 1.1] | range of the friction scale, or a number |
+    | `M_delta` | [0, 300] | range of the extra mass [kg], or a number |
+    | `v_x` | 20 | speed [m/s], or a range |
+    | `vehicle` | `{}` | any of Table II's parameters, for example `{"J_z": 2000.0}` |
+    | `visible` | `"episode"` | `"speed"` or `"context"` add rows to the observation |
+    | `decimate` | 1 | average blocks of so many samples, to save memory |
+
+    ## Vectorised use
+
+    `gymnasium.make_vec("yawrate/PITuning-v0", num_envs=256)` gives the native batch
+    environment, which resets in the same step.  With `vectorization_mode="sync"` or
+    `"async"` pass `vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}`.
+
+    ## For learning agents
+
+    `yawrate/PITuningFeatures-v0` shows standardised features of the recording and takes
+    actions in [-1, 1], the controller's log magnitude and phase at the crossover;
+    `compressor="armax"` shows others.  Any plant of your own has the same two, made from its
+    description: `yawrate/Plant-v0` and `yawrate/PlantFeatures-v0` ([plants](plants.md)).
+
+    ## Version history
+
+    * v0: first version.
+    """
+
+    metadata: dict[str, Any] = {
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": 1,
+    }
+
+    def __init__(
+        self,
+        *,
+        Ts: float = 0.001,
+        N: int = 10_000,
+        snr_db: float = 30.0,
+        amplitude: float = float(np.radians(1.0)),
+        bit_time: float = 0.1,
+        register: str = "same",
+        Ts_control: float = 0.01,
+        delay_samples: int = 0,
+        phase_margin: float = 60.0,
+        crossover: float = 1.5,
+        controller: str = "pi",
+        mu_s: Range = (0.3, 1.1),
+        M_delta: Range = (0.0, 300.0),
+        v_x: Range = 20.0,
+        vehicle: Mapping[str, float] | None = None,
+        visible: str = "episode",
+        decimate: int = 1,
+        render_mode: str | None = None,
+    ) -> None:
+        self.task: Task = interaction.task_of(
+            Ts=Ts,
+            N=N,
+            snr_db=snr_db,
+            amplitude=amplitude,
+            bit_time=bit_time,
+            register=register,
+            Ts_control=Ts_control,
+            delay_samples=delay_samples,
+            phase_margin=phase_margin,
+            crossover=crossover,
+            controller=controller,
+            mu_s=mu_s,
+            M_delta=M_delta,
+            v_x=v_x,
+            vehicle=vehicle,
+        )
+        self.observation_space: Any = interaction.observation_space(
+            self.task.experiment, visible, decimate
+        )
+        self.action_space: Any = interaction.action_space()
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(
+                f"render_mode = {render_mode!r} is unknown. "
+                f"Use None or one of {', '.join(self.metadata['render_modes'])}."
+            )
+        self.render_mode = render_mode
+        self.visible, self.decimate = visible, int(decimate)
+        self._drawn: Draw | None = None
+        self._obs: Observation | None = None
+        self._gains: NDArray[np.float64] | None = None
+        self._window: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Draw a vehicle and record its episode."""
+        fixed = interaction.pinned(options, 1)
+        super().reset(seed=seed)
+        words = self.np_random.bit_generator.random_raw(WORDS)[None]
+        drawn = interaction.draw(words, self.task, fixed)
+        self._obs = interaction.observe(self.task, drawn, self.visible, self.decimate)[0]
+        self._drawn, self._gains = drawn, None
+        if self.render_mode == "human":
+            self.render()
+        return self._obs.copy(), {}
+
+    def step(
+        self, action: NDArray[np.float64]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Close the loop with these gains and judge it."""
+        if self._drawn is None or self._obs is None or self._gains is not None:
+            raise ResetNeeded("An episode has one step. Call reset() before the next step().")
+        actions = interaction.checked_actions(np.asarray(action)[None], 1)
+        verdict, info = interaction.outcome(self.task, self._drawn.context, actions)
+        self._gains = np.array([info["kp"][0], info["Ti"][0]])
+        if self.render_mode == "human":
+            self.render()
+        return (
+            self._obs.copy(),
+            float(verdict.reward[0]),
+            True,
+            False,
+            {name: values[0].item() for name, values in info.items()},
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Draw the episode, the Bode plot and the step response."""
+        if self.render_mode is None:
+            gymnasium.logger.warn(
+                'No render_mode was given: gym.make(..., render_mode="rgb_array").'
+            )
+            return None
+        if self._drawn is None or self._obs is None:
+            raise ResetNeeded("There is nothing to draw yet. Call reset() before render().")
+        if self._window is None:
+            from yawrate_env.env.window import Window
+
+            self._window = Window(human=self.render_mode == "human")
+        frame: NDArray[np.uint8] | None = self._window.draw(
+            self.task, self._drawn.context, self._obs, self._gains
+        )
+        return frame
+
+    def close(self) -> None:
+        """Close the window, if there is one; may be called twice."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None

@@ -1,8 +1,0 @@
-"""The nonlinear digital twin: the same vehicle beyond small angles."""
-
-from yawrate_env.nonlinear.body import Body
-from yawrate_env.nonlinear.steering import Limits
-from yawrate_env.nonlinear.twin import NonlinearTwin, twin_from
-from yawrate_env.nonlinear.tyre import Tyre
-
-__all__ = ["Body", "Limits", "NonlinearTwin", "Tyre", "twin_from"]

@@ -1,0 +1,52 @@
+"""What an agent may choose from: a box of coordinates that holds what the prior's plants need."""
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawrate_env import validation
+from yawrate_env.plant.calls import called
+from yawrate_env.plant.episodes import designed
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+_SPARE = (0.25, 0.125, 0.06, 0.03)  # of the range that is needed, beyond either end of it
+_ROUNDING = 1e-6  # of the same, there and back
+
+
+def reach(plant: Plant) -> tuple[Array, Array]:
+    """Lowest and highest coordinates, (m,) each.
+
+    Those that the design rule gives to plants of the prior, and a quarter of their range
+    more on either side: less where coordinates so far out are those of no gains, or of
+    negative ones where all plants need positive ones.
+    """
+    if plant.reach is not None:
+        low, high = validation.finite_array("reach", called("reach", plant.reach), shape=(2, None))
+        if not (low < high).all():
+            raise ValueError(f"reach = {low}, {high}: give the lowest, then the highest ones.")
+        return low, high
+    gains = designed(plant)
+    values = plant.coordinates.encode(gains)
+    values = values[np.isfinite(values).all(axis=1)]
+    positive = (gains > 0).all(axis=0)
+    ends = np.stack([values.min(axis=0), values.max(axis=0)])
+    width = np.maximum(np.ptp(ends, axis=0), 4e-3 + 4e-3 * np.abs(ends[0]))  # a point has none
+    for side, i in np.ndindex(*ends.shape):
+        for share in _SPARE:
+            wider = ends.copy()
+            wider[side, i] += (share if side else -share) * width[i]
+            asked = corners(*wider)
+            found = plant.coordinates.decode(asked)
+            missed = np.abs(plant.coordinates.encode(found) - asked)
+            if (missed <= _ROUNDING * width).all() and (found[:, positive] > 0).all():
+                ends = wider
+                break
+    return ends[0], ends[1]
+
+
+def corners(low: Array, high: Array) -> Array:
+    """(2^m, m) of a box."""
+    return np.array(list(product(*zip(low, high, strict=True))))

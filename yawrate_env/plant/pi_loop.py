@@ -1,0 +1,155 @@
+"""Simulator, design rule and judge of linear plants in a PI loop.
+
+The project's own: exact zero-order hold, the loop-shaping rule of `yawrate_env.loop.design`,
+margins of the sampled loop.  The plants are python-control models, one for each row of
+parameters, or batches of matrices.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawrate_env.loop import closed_loop, simulation
+from yawrate_env.loop.discretisation import DiscretePlant, zoh
+from yawrate_env.loop.margins import TransferFunction, open_loop
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.names import split, word
+from yawrate_env.plant.responses import ClosedLoop, OpenLoop, Response
+from yawrate_env.vehicle.judge import Judge
+
+Array = NDArray[np.float64]
+
+GAINS = ("kp", "Ti")
+FIGURES = {"phase margin [deg]": 10.0, "crossover [Hz]": 0.25}
+"""With the errors that count as one in the yaw-rate environment."""
+
+
+@dataclass(frozen=True, slots=True)
+class PILoop:
+    """What a `Plant` needs beside its prior and experiment.
+
+    Attributes
+    ----------
+    discrete : callable
+        ``discrete(theta, Ts)``: parameters (B, p) to B plants at a sampling time [s].
+    Ts : float
+        Sampling time of the experiment [s].
+    target : Target
+        What the loop must do, and the controller's sampling time.
+    signals : tuple of str
+        What input and output are called in pictures, with their units, as the plant says it.
+    """
+
+    discrete: Callable[[Array, float], DiscretePlant]
+    Ts: float
+    target: Target
+    signals: tuple[str, str] = ("", "")
+
+    @classmethod
+    def of(
+        cls,
+        model: Callable[[Array], Any],
+        Ts: float,
+        target: Target,
+        signals: tuple[str, str] = ("", ""),
+    ) -> Self:
+        """Loop of a continuous python-control model.
+
+        Parameters
+        ----------
+        model : callable
+            ``model(theta)``: parameters (p,) of one plant to a transfer function or state space
+            with one input, one output and no feedthrough.
+        Ts, target, signals
+            As of the loop.
+        """
+        return cls(_Modelled(model), Ts, target, signals)
+
+    def simulate(self, theta: Array, u: Array, rng: Any) -> Array:
+        """Noise-free outputs (B, N) from rest."""
+        return simulation.simulate(self.discrete(theta, self.Ts), u)
+
+    def design(self, theta: Array) -> Array:
+        """(kp, Ti) (B, 2) that reach the target; ``nan`` where no PI does."""
+        found = self._judge(theta).oracle()
+        return np.stack([found.kp, found.Ti], axis=1)
+
+    def judge(self, theta: Array, gains: Array) -> Array:
+        """Phase margin [deg] and crossover [Hz], (B, 2)."""
+        verdict = self._judge(theta)(*gains.T)
+        found = np.stack([verdict.margins.phase_margin, verdict.margins.crossover], axis=1)
+        found = np.where(np.isfinite(found), found, np.inf)
+        return np.where(verdict.stable[:, None], found, np.nan)
+
+    def around(self, theta: Array, gains: Array) -> ClosedLoop:
+        """The loop of gains (2,) around one plant (p,), for reports to draw."""
+        target, judge = self.target, self._judge(theta[None])
+        kp, Ti = gains[:, None]
+        verdict = judge(kp, Ti)
+        frequency = np.geomspace(target.crossover / 30, 0.4999 / target.Ts, 400)
+        L = open_loop(judge.transfer_function, kp, Ti, target)(2 * np.pi * frequency)[0]
+        return ClosedLoop(
+            self._responses(judge.plant, kp, Ti),
+            OpenLoop(frequency, L, verdict.margins),
+            bool(verdict.stable[0]),
+        )
+
+    def _responses(self, plant: DiscretePlant, kp: Array, Ti: Array) -> tuple[Response, Response]:
+        """Of the output to a reference, and to what is added to the input."""
+        target, (input, output) = self.target, self.signals
+        time = target.Ts * np.arange(round(4 / target.crossover / target.Ts) + 1, dtype=np.float64)
+        one, zero = np.ones(len(time)), np.zeros(len(time))
+        with np.errstate(over="ignore", invalid="ignore"):
+            step, _ = closed_loop.time_response(plant, kp, Ti, target, one)
+            after, _ = closed_loop.time_response(plant, kp, Ti, target, zero, one)
+        of_input, at_once = word(input, "input"), abs(float(plant.B[0] @ plant.C))
+        stepped, disturbed = (f"by 1 {split(signal)[1]}".rstrip() for signal in (output, input))
+        titles = f"Step of the reference {stepped}", f"Disturbance of the {of_input} {disturbed}"
+        return (
+            Response(titles[0], time, _bounded(step[0]), 1.0, output),
+            Response(titles[1], time, _bounded(after[0], at_once), 0.0, output),
+        )
+
+    def _judge(self, theta: Array) -> Judge:
+        plant = self.discrete(theta, self.target.Ts)
+        return Judge(plant, TransferFunction.of(plant, self.target.delay_samples), self.target)
+
+
+@dataclass(frozen=True, slots=True)
+class _Modelled:
+    """Models of one plant at a time, discretised."""
+
+    model: Callable[[Array], Any]
+
+    def __call__(self, theta: Array, Ts: float) -> DiscretePlant:
+        return zoh(*_state_space([self.model(row) for row in theta]), Ts)
+
+
+def _bounded(values: Array, least: float = 1.0) -> Array:
+    """Without what follows once a loop has run away, a thousand times this or 1."""
+    lost = np.maximum.accumulate(~(np.abs(values) < 1e3 * max(least, 1.0)))
+    return np.where(lost, np.nan, values)
+
+
+def _state_space(models: list[Any]) -> tuple[Array, Array, Array]:
+    """Matrices (B, n, n), (B, n), (n,) of python-control models, in states that share C."""
+    import control
+
+    systems = [model if hasattr(model, "A") else control.ss(model) for model in models]
+    first = systems[0]
+    if (first.ninputs, first.noutputs) != (1, 1) or not first.isctime() or np.any(first.D):
+        raise ValueError(
+            f"the model has {first.ninputs} inputs, {first.noutputs} outputs, D = {first.D}, "
+            f"dt = {first.dt}. Give a continuous one with one of each and D = 0."
+        )
+    A, B, C = (np.stack([getattr(system, name) for system in systems]) for name in "ABC")
+    # A reflection takes every output row to a multiple of the first unit vector.
+    size = np.linalg.norm(C, axis=2, keepdims=True)
+    unit = np.eye(A.shape[1])[0]
+    v = C / size + np.where(C[..., :1] < 0, -1.0, 1.0) * unit
+    Q = np.eye(A.shape[1]) - 2 * v.swapaxes(1, 2) @ v / (v @ v.swapaxes(1, 2))
+    sign = np.where(C[:, :, :1] < 0, 1.0, -1.0)
+    return Q @ A @ Q, (Q @ B * size * sign)[:, :, 0], unit

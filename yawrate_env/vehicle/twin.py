@@ -1,0 +1,49 @@
+"""What answers a steering command with a yaw rate: the seam between episodes and physics.
+
+A task holds its twin; recording, data sets, environments and tuners never ask which
+one it is.  `LinearTwin` is the paper's; `yawrate_env.vehicle.nonlinear` has another.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawrate_env.loop.discretisation import ObserverForm, zoh
+from yawrate_env.loop.simulation import simulate_into
+from yawrate_env.vehicle.single_track import Context, Vehicle, state_space
+
+Simulator = Callable[[NDArray[np.float64], int, int], NDArray[np.float64]]
+"""``simulator(out, i, j)`` writes the yaw rates of vehicles i to j, at most ``LANES`` of them,
+and returns each one's sum of squares, summed alike whatever the batch."""
+
+
+class Twin(Protocol):
+    """A simulator of the vehicle; a frozen, hashable record of its own parameters."""
+
+    def simulator(
+        self, vehicle: Vehicle, context: Context, u: NDArray[np.float64], Ts: float
+    ) -> Simulator:
+        """Prepare the noise-free response of B vehicles from rest.
+
+        Parameters
+        ----------
+        u : (1, N) or (B, N) float64
+            Steering command, held between samples [rad].
+        Ts : float
+            Sampling time [s].
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class LinearTwin:
+    """The single-track vehicle of eqs. (6) to (12), exact at the samples."""
+
+    def simulator(
+        self, vehicle: Vehicle, context: Context, u: NDArray[np.float64], Ts: float
+    ) -> Simulator:
+        """Prepare the recursion of the zero-order-hold plants."""
+        form = ObserverForm.of(zoh(*state_space(vehicle, context), Ts))
+        return lambda out, i, j: simulate_into(out, form, u, i, j)
