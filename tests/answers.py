@@ -9,8 +9,7 @@ from tuners.tuner.result import Check, Interval, TuningResult, TwinFit
 from yawrate_env.loop.design import Status
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.signals.excitation import prbs
-from yawrate_env.vehicle.episode import plants
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops, plants
 from yawrate_env.vehicle.single_track import Context, Vehicle, state_space
 from yawrate_env.vehicle.task import Task
 
@@ -43,7 +42,7 @@ def answer(trusted=True, fitted=True, gains=None, source="drive.csv"):
     v_x = np.full(len(u), 18.0)
     judged = check(u, y, v_x, Ts, task.target.crossover)
     log = Log(source, 12.0, Ts, Ts, u, y, v_x, judged, ("Column u_deg is taken to be in deg.",))
-    oracle = Judge.of(task, context).oracle()
+    oracle = loops(task, context).design()
     kp, Ti = gains or (float(oracle.kp[0]), float(oracle.Ti[0]))
     simulated = simulate(plants(task.vehicle, context, Ts), u)[0]
     fit = TwinFit(context, u, y, simulated, Ts, 0.01, 0.002, False, 30.0)

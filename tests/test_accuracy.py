@@ -8,7 +8,7 @@ from tuners.tuner.evaluation import evaluate
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
 from yawrate_env.vehicle.task import Task
 
-# Standard deviation of phase margin [deg] and crossover [Hz], and how far the mean of the
+# Standard deviation of phase_margin [deg] and crossover [Hz], and how far the mean of the
 # phase margin may lie from 60 deg; that of the crossover lies within 0.005 Hz of 1.5.
 PROMISED = {
     "gb": (0.012, 0.0005, 0.05),

@@ -17,8 +17,7 @@ from yawrate_env.batch import take
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import Draw, excitation, plants, record
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import Draw, excitation, loops, plants, record
 from yawrate_env.vehicle.single_track import Context, Vehicle
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 
@@ -31,14 +30,14 @@ def moved(context, by_mu_s, by_M_delta):
 def test_bound_against_finite_differences_in_physical_parameters(register):
     task = Task(experiment=Experiment(register=register), prior=Prior(v_x=(10.0, 33.0)))
     draw = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 5)
-    truth, u = Judge.of(task, draw.context), excitation(task.experiment, draw.start)
+    truth, u = loops(task, draw.context), excitation(task.experiment, draw.start)
     steps = [(1e-5, 0.0), (0.0, 0.02)]  # of mu_s, and of M_delta [kg]
 
     def response(*step):
         return simulate(plants(task.vehicle, moved(draw.context, *step), 0.001), u)
 
     def margins(*step):
-        gains = Judge.of(task, moved(draw.context, *step)).oracle()
+        gains = loops(task, moved(draw.context, *step)).design()
         found = truth(gains.kp, gains.Ti).margins
         return np.stack([found.phase_margin, found.crossover], axis=1)
 
@@ -60,8 +59,8 @@ def test_margins_move_with_the_estimate():
     assert J.shape == (3, 2, 2)
     step = 1e-3
     better_grip = Context(context.mu_s * np.exp(step), context.M_delta, context.v_x)
-    gains = Judge.of(Task(), better_grip).oracle()
-    found = Judge.of(Task(), context)(gains.kp, gains.Ti).margins
+    gains = loops(Task(), better_grip).design()
+    found = loops(Task(), context).evaluate(gains.kp, gains.Ti).margins
     # First order: the remainder is of the order of the step.
     np.testing.assert_allclose(found.phase_margin - 60, step * J[:, 0, 0], rtol=0.02)
     np.testing.assert_allclose(found.crossover - 1.5, step * J[:, 1, 0], rtol=0.02)
@@ -101,7 +100,7 @@ def test_the_gray_box_sits_on_the_bound(context):
     draw = Draw(same, draw.start, draw.key)
     u, y = record(task, draw)
     design, converged = GrayBox(task).gains(Recording(u, np.asarray(y), 0.001))
-    found = Judge.of(task, same)(design.kp, design.Ti).margins
+    found = loops(task, same).evaluate(design.kp, design.Ti).margins
     bound = cramer_rao(task, take(draw, slice(0, 1)))[0]
     assert converged.all()
     results = (found.phase_margin, 60.0, bound[0]), (found.crossover, 1.5, bound[1])
@@ -179,9 +178,9 @@ def test_posterior_against_the_exact_one_of_simulated_recordings():
             axes.append(low + (high - low) * (np.arange(side) + 0.5) / side)
         grid = Context.of(np.repeat(axes[0], side), np.tile(axes[1], side), 20.0)
         candidates = simulate(plants(task.vehicle, grid, 0.01), u)
-        gains = Judge.of(task, grid).oracle()
+        gains = loops(task, grid).design()
         same = take(context, np.zeros(len(grid), int))
-        found = Judge.of(task, same)(gains.kp, gains.Ti).margins
+        found = loops(task, same).evaluate(gains.kp, gains.Ti).margins
         margins = np.stack([found.phase_margin, found.crossover], axis=1)
 
         variance = (clean[b] ** 2).mean() * 10**-1.8

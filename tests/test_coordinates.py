@@ -10,7 +10,7 @@ from yawrate_env.env.interaction import KP_RANGE, TI_RANGE
 from yawrate_env.loop.controller import gains
 from yawrate_env.loop.design import LEAST_LAG, Status
 from yawrate_env.loop.target import CONTROLLERS, Target
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 
@@ -51,11 +51,11 @@ def test_gains_are_taken_literally():
 @pytest.mark.parametrize("degrees", [-5.0, 3.0])
 def test_a_phase_error_is_the_same_error_of_phase_margin_for_every_vehicle(degrees):
     task = Task()
-    judge = Judge.of(task, Context.of([0.4, 0.7, 1.0], [300.0, 150.0, 0.0], 20.0))
-    best = judge.oracle()
+    judge = loops(task, Context.of([0.4, 0.7, 1.0], [300.0, 150.0, 0.0], 20.0))
+    best = judge.design()
     values = encode(best.kp, best.Ti, task.target, "loop") + [0.0, np.radians(degrees)]
     found = decode(values, task.target, "loop")
-    margins = judge(found.kp, found.Ti).margins
+    margins = judge.evaluate(found.kp, found.Ti).margins
     np.testing.assert_allclose(margins.phase_margin, 60 + degrees, rtol=1e-9)
     np.testing.assert_allclose(margins.crossover, 1.5, rtol=1e-9)
 

@@ -20,16 +20,15 @@ from tuners.data import DatasetError, generate, shards, verify, workers
 from tuners.data.manifest import Configuration, Manifest, Shard, shard_size
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
-from tuners.yaw_rate import yaw_rate
 from yawrate_env import files
 from yawrate_env.loop.design import Status
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import examples
 from yawrate_env.plant.parametrisation import loop
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import record
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops, record
 from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 TRAIN = CONTEXT_SETS["train"]
 # Short episodes, and a target that some of the vehicles cannot reach.
@@ -208,7 +207,7 @@ def test_columns_have_plain_types_and_units(whole):
     }
     values = next(whole.columns())
     draw = TRAIN.draw(TASK.prior, 3, 0, len(values["episode"]))
-    oracle = Judge.of(TASK, draw.context).oracle()
+    oracle = loops(TASK, draw.context).design()
     assert set(oracle.status) == {Status.OK, Status.PHASE_LIMITED}
     for name in ("kp", "Ti", "status"):
         np.testing.assert_array_equal(values[name], getattr(oracle, name))

@@ -13,7 +13,7 @@ from yawrate_env import ENV_ID, FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.episodes import recorded
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 
 SHORT = {"Ts": 0.01, "N": 1000}
@@ -77,7 +77,7 @@ def test_behaviours_act_in_turn():
     rewards = np.array([episode.rewards[0] for episode in dataset.iterate_episodes()])
     actions = np.array([episode.actions[0] for episode in dataset.iterate_episodes()])
     by_name = {name: slice(k, None, 4) for k, name in enumerate(BEHAVIOURS)}
-    oracle = Judge.of(TASK, TRAIN.draw(Prior(), 3, 0, 80).context).oracle()
+    oracle = loops(TASK, TRAIN.draw(Prior(), 3, 0, 80).context).design()
     assert (oracle.status == Status.OK).all()
     assert rewards[by_name["oracle"]].min() > -1e-4  # single precision
     assert (actions[by_name["nominal"]] == actions[2]).all()

@@ -58,7 +58,7 @@ rich = described(
     design=for_some,
     measured={"K": 0.1},
     excite=lambda words: prbs(500, 0.02, 0.5, 1.0, order=7, start=words),
-    coordinates=plants.Coordinates(lambda g: g, lambda x: x),
+    parametrisation=plants.Coordinates(lambda g: g, lambda x: x),
     noise=plants.snr(20.0),
     entry="test_data_plants:rich",
 )
@@ -181,7 +181,9 @@ def test_a_tuner_learns_what_suits_the_plant_by_default(whole, tmp_path):
     tuner = data.train_plant(whole.path)
     tuner.save(tmp_path / "first.tuner")
     asked = recorded(plant, "test", 0, 100)
-    error = plant.judged(asked.theta, plants.load(tmp_path / "first.tuner").gains(U, asked.y))
+    error = plant.metric_values(
+        asked.theta, plants.load(tmp_path / "first.tuner").gains(U, asked.y)
+    )
     assert np.sqrt((error**2).mean()) < 0.05
     assert len(tuner.calibration) == 2 and tuner.training["vehicles"] == EPISODES
 
@@ -315,7 +317,9 @@ def test_a_plant_that_changed_since_is_refused(what, begun, whole, monkeypatch):
 
 
 def test_what_no_row_follows_from_may_change(begun, undisturbed, monkeypatch):
-    now = described(signals=("valve", "flow"), figures={"gain": 1.0}, judge=lambda t, g: g[:, :1])
+    now = described(
+        signals=("valve", "flow"), metrics={"gain": 1.0}, evaluate=lambda t, g: g[:, :1]
+    )
     monkeypatch.setattr(first_order, "plant", now)
     made(begun, now)
     assert contents(begun) == undisturbed

@@ -5,8 +5,8 @@ import pytest
 from test_data_generation import EPISODES, STAGE, TASK, made
 
 from tuners.data import load_gains
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.plant.episodes import examples
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 
 @pytest.fixture(scope="module")

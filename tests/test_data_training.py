@@ -16,12 +16,12 @@ from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.tuner.stages import trains
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import examples
 from yawrate_env.plant.parametrisation import loop
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
 from yawrate_env.vehicle.task import Experiment, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 torch.set_num_threads(1)
 

@@ -12,7 +12,7 @@ import tuners
 from tuners.catalogue import shipped
 from tuners.cli import main
 from tuners.cli.tune import DEFAULT
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.vehicle_file import example
@@ -36,8 +36,8 @@ def write(path, t, steer, yaw_rate, speed):
 
 def margins(found, mu_s, M_delta, v_x, vehicle=PAPER):
     """Phase margin and crossover of the true vehicle's loop, less the target's."""
-    judge = Judge.of(Task(vehicle), Context.of(mu_s, M_delta, v_x))
-    verdict = judge(np.array([found["kp"]]), np.array([found["Ti"]])).margins
+    judge = loops(Task(vehicle), Context.of(mu_s, M_delta, v_x))
+    verdict = judge.evaluate(np.array([found["kp"]]), np.array([found["Ti"]])).margins
     return verdict.phase_margin[0] - 60.0, verdict.crossover[0] - 1.5
 
 

@@ -14,7 +14,7 @@ from gymnasium.utils.env_checker import check_env
 import yawrate_env
 from yawrate_env.env.nonlinear_env import PITuningNonlinearEnv
 from yawrate_env.env.yaw_rate_env import PITuningEnv
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 
@@ -96,13 +96,13 @@ def test_one_step_ends_the_episode_and_tells_all():
 
 def test_outcome_is_the_judges():
     *_, info = (result := episode(short(), seed=3)[1])
-    judge = Judge.of(Task(), Context.of(info["mu_s"], info["M_delta"], info["v_x"]))
-    verdict = judge(*ACTION[:, None])
+    judge = loops(Task(), Context.of(info["mu_s"], info["M_delta"], info["v_x"]))
+    verdict = judge.evaluate(*ACTION[:, None])
     assert result[1] == verdict.reward[0]
     assert info["phase_margin"] == verdict.margins.phase_margin[0]
     assert info["crossover"] == verdict.margins.crossover[0]
     assert info["gain_margin"] == verdict.margins.gain_margin[0]
-    assert (info["oracle_kp"], info["oracle_Ti"]) == (judge.oracle().kp[0], judge.oracle().Ti[0])
+    assert (info["oracle_kp"], info["oracle_Ti"]) == (judge.design().kp[0], judge.design().Ti[0])
 
 
 @pytest.mark.parametrize(

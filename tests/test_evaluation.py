@@ -15,7 +15,7 @@ from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.design import Design
 from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 
@@ -61,8 +61,8 @@ def test_rows_hold_the_numbers_to_twelve_digits(tmp_path):
 def test_the_margins_are_those_of_the_written_gains_and_vehicle(tmp_path):
     write_csv(tmp_path / "rows.csv", evaluated(["ts-gbm"]))
     for r in table(tmp_path / "rows.csv"):
-        judge = Judge.of(Task(), Context.of(*(float(r[n]) for n in ("mu_s", "M_delta", "v_x"))))
-        verdict = judge(*(np.array([float(r[n])]) for n in ("kp", "Ti")))
+        judge = loops(Task(), Context.of(*(float(r[n]) for n in ("mu_s", "M_delta", "v_x"))))
+        verdict = judge.evaluate(*(np.array([float(r[n])]) for n in ("kp", "Ti")))
         assert float(r["phase_margin"]) == pytest.approx(verdict.margins.phase_margin[0], rel=1e-9)
         assert float(r["crossover"]) == pytest.approx(verdict.margins.crossover[0], rel=1e-9)
 

@@ -85,7 +85,7 @@ RESPONSE = FrequencyResponse(order=8, pole=40.0, low=2.0, high=30.0, points=5)
 CASES = {
     "logarithms": (described(), LAGUERRE, SMALL),
     "measured": (sloped(), LAGUERRE, TrendSettings(SMALL, degree=2)),
-    "the gains themselves": (described(coordinates=PLAIN), LAGUERRE, SMALL),
+    "the gains themselves": (described(parametrisation=PLAIN), LAGUERRE, SMALL),
     "loop": (dc_motor.plant, Laguerre(6, 40.0), TrendSettings(SMALL)),
     "frequency response": (dc_motor.plant, RESPONSE, SMALL),
     "trees": (sloped(), LAGUERRE, TrendSettings(TREES)),
@@ -127,7 +127,7 @@ def faulty(case):
 
 
 def beside(plant, theta):
-    return {name: theta[:, list(plant.prior).index(name)] for name in plant.shown_names}
+    return {name: theta[:, list(plant.prior).index(name)] for name in plant.measured_names}
 
 
 def ran(model, plant, **inputs):
@@ -191,7 +191,7 @@ def test_vehicles_are_tuned_in_c_too(name, tmp_path):
     tuner, recording = tuners.load(name), recorded(40)
     export(tuner, "c", tmp_path)
     assert passes(tmp_path, "yawrate_laguerre", "yawrate_tuner")
-    speed = [recording.v_x[0]] if tuner.plant.shown_names else []
+    speed = [recording.v_x[0]] if tuner.plant.measured_names else []
     u = recording.u[0]
     rows = ([[len(u)], speed, np.stack([u, y], axis=1).ravel()] for y in recording.y)
     gains, status = answers(tmp_path, rows)
@@ -208,7 +208,9 @@ def test_the_tuner_of_every_speed_takes_it_as_an_input(features):
     rows = {"features": own} if features else {"yaw_rate": found.y}
     gains, status = ran(onnx_model(tuner, features=features), tuner.plant, v_x=found.theta[:, 2],
                         **rows)  # fmt: skip
-    values, _ = tuner.stages(found.u, found.y, tuner.plant.Ts, tuner.plant.shown(found.theta))
+    values, _ = tuner.stages(
+        found.u, found.y, tuner.plant.Ts, tuner.plant.measured_features(found.theta)
+    )
     expected = decode(values, tuner.task.target, "loop")
     np.testing.assert_allclose(gains.T, [expected.kp, expected.Ti], rtol=RTOL)
     np.testing.assert_array_equal(status, expected.status)
@@ -264,8 +266,8 @@ def test_what_cannot_be_exported_says_why_and_what_can(tmp_path):
 
     own = plants.Coordinates(np.sqrt, np.square)
     for tuner, target, message in [
-        (of(coordinates=own), "onnx", r"decode is Python.* plants\.LOG or plants\.loop"),
-        (of(coordinates=own), "c", r"decode is Python.* plants\.LOG or plants\.loop"),
+        (of(parametrisation=own), "onnx", r"decode is Python.* plants\.LOG or plants\.loop"),
+        (of(parametrisation=own), "c", r"decode is Python.* plants\.LOG or plants\.loop"),
         (of(Armax(0.08)), "onnx", "its first stage is Armax, .*Laguerre.*Export"),
         (of(learner=TREES), "c", r"trees are not written in C.*features=True \(--features\)"),
         (trained("trees"), "c", "trees are not written in C"),

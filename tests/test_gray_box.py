@@ -11,8 +11,7 @@ from tuners.tuner.gray_box import GrayBox
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import nominal_context
 from yawrate_env.loop.simulation import simulate
-from yawrate_env.vehicle.episode import excitation, plants, record
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import excitation, loops, plants, record
 from yawrate_env.vehicle.single_track import Context, Vehicle, total_mass
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 
@@ -167,7 +166,7 @@ def test_hopeless_episodes_leave_their_neighbours_alone():
 def test_gains_are_the_design_rules_for_the_found_vehicle():
     context = Context.of(*CORNERS[:, CORNERS[2] == 20.0])
     design, converged = GrayBox(Task()).gains(noise_free(context, Experiment()))
-    truth = Judge.of(Task(), context).oracle()
+    truth = loops(Task(), context).design()
     assert converged.all()
     # 1e-6 of the parameters; Ti of the slippery vehicles is ten times as sensitive.
     np.testing.assert_allclose(design.kp, truth.kp, rtol=1e-5)
@@ -177,7 +176,7 @@ def test_gains_are_the_design_rules_for_the_found_vehicle():
 def test_the_speed_is_the_recordings_or_the_tuners_own():
     task = Task(prior=Prior(v_x=(10.0, 33.0)))
     recording = noise_free(Context.of(0.5, 100.0, 27.0), Experiment())
-    truth = Judge.of(task, Context.of(0.5, 100.0, 27.0)).oracle()
+    truth = loops(task, Context.of(0.5, 100.0, 27.0)).design()
     with pytest.raises(ValueError, match="v_x is needed: this tuner covers 10 to 33 m/s"):
         GrayBox(task).tune(recording.u[0], recording.y[0], 0.001)
     found = GrayBox(task).tune(recording.u[0], recording.y[0], 0.001, v_x=27.0)
@@ -190,7 +189,7 @@ def test_the_known_vehicle_is_the_tasks():
     task = Task(vehicle=Vehicle(omega_n=40.0, C_f=110e3))
     u, y = record(task, drawn(3))
     design, converged = GrayBox(task).gains(Recording(u, np.asarray(y), 0.001))
-    truth = Judge.of(task, drawn(3).context).oracle()
+    truth = loops(task, drawn(3).context).design()
     assert converged.all()
     np.testing.assert_allclose(design.kp, truth.kp, rtol=5e-3)  # 30 dB
     ignorant, _ = GrayBox(Task()).gains(Recording(u, np.asarray(y), 0.001))
@@ -207,6 +206,6 @@ def test_a_wrong_yaw_inertia_biases_the_parameters_and_not_the_gains():
     np.testing.assert_allclose(
         total_mass(wrong, found.context), 1.2 * total_mass(Vehicle(), context), rtol=1e-6
     )
-    truth = Judge.of(Task(), context).oracle()
+    truth = loops(Task(), context).design()
     design, _ = GrayBox(Task(vehicle=wrong)).gains(recording)
     np.testing.assert_allclose(design.kp, truth.kp, rtol=1e-5)

@@ -59,7 +59,7 @@ def test_the_picture_shows_tyre_response_and_both_errors(tmp_path):
 
 def test_the_oracle_is_judged_without_error_and_low_friction_apart():
     task = nonlinear.task_at(4.0)
-    found = nonlinear.judged(task, 4.0, {"gb": nonlinear.GrayBox(task)}, 24, 0)
+    found = nonlinear.metric_values(task, 4.0, {"gb": nonlinear.GrayBox(task)}, 24, 0)
     by = {(s.tuner, s.low_friction): s for s in found}
     assert by["gb", False].trusted == 0.0 and by[ORACLE, False].trusted is None
     assert by[ORACLE, False].phase_margin < 1e-10 < by["gb", False].phase_margin

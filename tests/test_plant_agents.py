@@ -23,13 +23,13 @@ from tuners.features.laguerre import Laguerre
 from tuners.features.regularised import Regularised
 from tuners.learners.actor import Agent
 from tuners.tuner.training import recipe_for
-from tuners.yaw_rate import yaw_rate
 from yawrate_env import FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID
 from yawrate_env.env.plant_env import PlantEnv
 from yawrate_env.plant.episodes import recorded
 from yawrate_env.plant.parametrisation import PLAIN
 from yawrate_env.signals.excitation import prbs
 from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 PLANTS = {"plain": "first_order:plant", "measured": "first_order:gauged"}
 SHORT = {"Ts": 0.01, "N": 300}
@@ -86,7 +86,7 @@ def test_features_are_those_of_the_plants_own_recipe():
     first_stage = recipe_for(gauged).compressor
     expected, _ = first_stage(seen.u, seen.y, gauged.Ts)
     assert found.compressor == first_stage
-    features, usable = found(seen.u, seen.y, gauged.Ts, gauged.shown(seen.theta))
+    features, usable = found(seen.u, seen.y, gauged.Ts, gauged.measured_features(seen.theta))
     assert usable.all() and features.dtype == np.float32
     raw = features * found.scale + found.mean
     np.testing.assert_allclose(raw[:, :-1], expected, atol=1e-5)
@@ -151,10 +151,10 @@ def test_the_vehicles_environment_is_that_of_their_plant():
 
 # --- what is within reach
 
-LOOP = replace(yaw_rate(Task(prior=Prior(v_x=(10.0, 33.0)))), reach=None)
+LOOP = replace(yaw_rate(Task(prior=Prior(v_x=(10.0, 33.0)))), action_bounds=None)
 REACHED = {
     "logarithms": plant,
-    "gains": described(coordinates=PLAIN),
+    "gains": described(parametrisation=PLAIN),
     "loop": LOOP,
     "vehicles": yaw_rate(TASK),
 }
@@ -182,7 +182,7 @@ def test_all_that_is_within_reach_are_gains_that_the_environment_takes(name):
 
 
 def test_a_plant_may_say_what_is_within_reach():
-    own = described(reach=lambda: ([-1.0, -2.0], [1.0, 0.5]))
+    own = described(action_bounds=lambda: ([-1.0, -2.0], [1.0, 0.5]))
     np.testing.assert_allclose(ActionMap.of(own).gains(np.ones((1, 2))), np.exp([[1.0, 0.5]]))
 
 
@@ -196,9 +196,9 @@ def test_a_plant_may_say_what_is_within_reach():
 )
 def test_a_wrong_reach_is_named(reach, words):
     with pytest.raises(ValueError, match=words):
-        ActionMap.of(described(reach=reach))
+        ActionMap.of(described(action_bounds=reach))
     with pytest.raises(ValueError, match="reach"):
-        described(reach=1.0)
+        described(action_bounds=1.0)
 
 
 # --- agents
@@ -223,7 +223,7 @@ def assert_same(a, b):
         np.testing.assert_array_equal(array, b.stages.learner.arrays()[name])
 
 
-def earned(tuner, count=128):
+def reward_of(tuner, count=128):
     seen = recorded(tuner.plant, "test", 0, count)
     return tuner.plant.reward(seen.theta, tuner.gains(seen.u, seen.y, seen.theta)).mean()
 
@@ -273,8 +273,8 @@ def test_training_never_reads_the_design_rules_gains():
 
     judged = described(
         design=design,
-        judge=lambda theta, gains: gains / plant.design(theta) - 1,
-        figures={"error of kp": 0.3, "error of Ti": 0.3},
+        evaluate=lambda theta, gains: gains / plant.design(theta) - 1,
+        metrics={"error of kp": 0.3, "error of Ti": 0.3},
         target=(0.0, 0.0),
     )
     run = rl_training.of_plant(judged, Training(episodes=EPISODES), None, None)
@@ -292,7 +292,7 @@ def test_saving_keeps_everything(tmp_path):
     assert again.training == agent().training and again.calibration == agent().calibration
     y = lone.respond(np.array([[1.2, 0.5]]))[0] + 0.02 * np.random.default_rng(0).normal(size=500)
     one, other = (t.tune(lone.u, y) for t in (agent(), again))
-    assert (one.gains, one.figures, one.checks) == (other.gains, other.figures, other.checks)
+    assert (one.gains, one.metrics, one.checks) == (other.gains, other.metrics, other.checks)
 
 
 def test_using_it_needs_what_trained_it_no_more(tmp_path):
@@ -307,11 +307,11 @@ def test_using_it_needs_what_trained_it_no_more(tmp_path):
 def test_answers_come_with_trust_and_calibrated_intervals():
     seen = recorded(lone, "test", 1, 200)
     gains, found = agent().assess(seen.u, seen.y, seen.theta)
-    off = np.abs(lone.judged(seen.theta, gains) - found.figures)
+    off = np.abs(lone.metric_values(seen.theta, gains) - found.metrics)
     held = off <= np.array(agent().calibration) * found.spread
     # 90 % intervals from 64 episodes: 0.9 within 3.5 standard deviations of both samples.
     assert (held.mean(axis=0) > 0.75).all()
-    missed = np.abs(lone.errors(seen.theta, gains)) / lone.figure("error")
+    missed = np.abs(lone.errors(seen.theta, gains)) / lone.metric_setting("error")
     assert found.trusted.any()
     assert missed[found.trusted].max() < 1.5 < missed[~found.trusted].max()
 

@@ -13,7 +13,7 @@ import yawrate_env
 from tuners import data, plants
 from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.plants import Figure, snr
+from tuners.plants import Metric, snr
 from tuners.trust.checks import MESSAGES, _of_figures
 from tuners.tuner.stages import Recipe
 from yawrate_env.plant.names import CHECKS, check_name
@@ -62,7 +62,7 @@ SETTINGS = [
     ({"black_box": 5}, "black_box = 5 .*Laguerre"),
     ({"simulate": None}, "simulate = None cannot be called"),
     ({"design": 1}, "design = 1 cannot be called. Give a function."),
-    ({"judge": 1, "figures": {"x": 1.0}}, "judge = 1 cannot be called.*or None"),
+    ({"evaluate": 1, "metrics": {"x": 1.0}}, "evaluate = 1 cannot be called.*or None"),
     ({"excite": 1}, "excite = 1"),
     ({"excite": lambda words: U}, "excite gave shape .500,.* an input for each word"),
     ({"record": "a"}, "record = 'a'"),
@@ -81,10 +81,10 @@ SETTINGS = [
     ({"coordinates": plants.Coordinates(None, np.exp)}, "coordinates.encode = None"),
     ({"measured": ("K",)}, "measured = .*names with values"),
     ({"measured": {"K": "a"}}, "measured K = 'a' is not a number"),
-    ({"figures": ("x",), "judge": judge}, "figures = .*names with values"),
-    ({"figures": {"x": "a"}, "judge": judge}, "figure x = 'a' is not a number"),
-    ({"figures": {"": 1.0}, "judge": judge}, "figures' name = ''"),
-    ({"figures": {"margin": 1.0}}, "figures' name = 'margin': without a judge .* one of kp, Ti"),
+    ({"metrics": ("x",), "evaluate": judge}, "metrics = .*names with values"),
+    ({"metrics": {"x": "a"}, "evaluate": judge}, "metric x = 'a' is not a number"),
+    ({"metrics": {"": 1.0}, "evaluate": judge}, "metrics' name = ''"),
+    ({"metrics": {"margin": 1.0}}, "metrics' name = 'margin': without a judge .* one of kp, Ti"),
     ({"noise": lambda y: -np.ones(len(y))}, "noise's least answer = -1"),
     ({"noise": None}, "noise = None"),
 ]
@@ -94,10 +94,13 @@ NAMES = [
     ({"gains": ("kp", "K")}, "'K' is the name of a gain and of a parameter"),
     ({"gains": ("kp", "stable")}, "'stable' is the name of a gain and of a word"),
     ({"gains": ("kp", "oracle_kp")}, "begin with oracle_"),
-    ({"figures": {"kp": 1.0}, "judge": judge}, "'kp' is the name of a figure and of a gain"),
-    ({"figures": {"clipped": 1.0}, "judge": judge}, "'clipped' is the name"),
-    ({"figures": {"a [x]": 1.0, "a [y]": 1.0}, "judge": judge}, "check 'a_error', as has 'a \\[x"),
-    ({"figures": {"a b": 1.0, "a_b": 1.0}, "judge": judge}, "check 'a_b_error'"),
+    ({"metrics": {"kp": 1.0}, "evaluate": judge}, "'kp' is the name of a figure and of a gain"),
+    ({"metrics": {"clipped": 1.0}, "evaluate": judge}, "'clipped' is the name"),
+    (
+        {"metrics": {"a [x]": 1.0, "a [y]": 1.0}, "evaluate": judge},
+        "check 'a_error', as has 'a \\[x",
+    ),
+    ({"metrics": {"a b": 1.0, "a_b": 1.0}, "evaluate": judge}, "check 'a_b_error'"),
     (
         {"prior": {"noise": (0.5, 2.0), "T": (0.2, 1.0)}, "measured": {"noise": 0.0}},
         "measured 'noise' is the name of a check too",
@@ -113,8 +116,8 @@ ANSWERS = [
     ({"gray_box": raises(ValueError("no"))}, "gray_box failed in the middle .*ValueError: no"),
     ({"coordinates": plants.Coordinates(raises(TypeError("a\nb")), np.exp)}, "TypeError: a b"),
     (
-        {"judge": raises(AssertionError()), "figures": {"x": 1.0}},
-        "judge failed in the middle of the prior: AssertionError",
+        {"evaluate": raises(AssertionError()), "metrics": {"x": 1.0}},
+        "evaluate failed in the middle of the prior: AssertionError",
     ),
     ({"simulate": lambda *a: simulate(*a) + 0j}, "simulate's answer .*of complex128"),
     ({"simulate": lambda *a: simulate(*a) > 0}, "simulate's answer .*of bool"),
@@ -164,9 +167,9 @@ def test_what_is_good_is_still_described():
         linear=np.True_,
         crossover=24.9,
         record=measured,
-        gray_box=search,
-        figures={"a [x]": Figure(1), "b [x]": 2},
-        judge=lambda theta, gains: gains,
+        search=search,
+        metrics={"a [x]": Metric(1), "b [x]": 2},
+        evaluate=lambda theta, gains: gains,
     )
     assert good.gains == ("kp", "Ti") and good.signals == ("u", "y") and good.linear is True
     assert good.limits[0].tolist() == [0.5, 0.1]
@@ -175,9 +178,9 @@ def test_what_is_good_is_still_described():
 @pytest.mark.parametrize(
     "call, words",
     [
-        (lambda: Figure("a"), "scale = 'a' is not a number"),
-        (lambda: Figure(1, error=None), "error = None is not a number"),
-        (lambda: Figure(1, spread=True), "spread = True is not a number"),
+        (lambda: Metric("a"), "scale = 'a' is not a number"),
+        (lambda: Metric(1, error=None), "error = None is not a number"),
+        (lambda: Metric(1, spread=True), "spread = True is not a number"),
         (lambda: snr(-7000), "snr = -7000 must be .* at least -400"),
     ],
 )
@@ -189,20 +192,20 @@ def test_numbers_that_are_none(call, words):
 def test_checks_are_called_as_trust_calls_them():
     assert set(CHECKS) == {*MESSAGES, "between"}  # that one only where a log is slow
     names = list(_of_figures(plant, "error", np.zeros((1, 2)), ""))
-    assert names == [check_name(name, "error") for name in plant.figures]
+    assert names == [check_name(name, "error") for name in plant.metrics]
 
 
 def test_a_description_without_a_judge_can_be_replaced():
-    assert replace(plant, noise=0.1).figures == plant.figures
+    assert replace(plant, noise=0.1).metrics == plant.metrics
     renamed = replace(plant, gains=("a", "b"))
-    assert tuple(renamed.figures) == ("relative error of a", "relative error of b")
-    wider = replace(plant, figures={"kp": 0.6})
-    wanted = {"relative error of kp": Figure(0.6), "relative error of Ti": Figure(0.3)}
-    assert wider.figures == replace(wider, noise=0.1).figures == wanted
-    assert replace(wider, gains=("kp", "b")).figures["relative error of kp"] == Figure(0.6)
+    assert tuple(renamed.metrics) == ("relative error of a", "relative error of b")
+    wider = replace(plant, metrics={"kp": 0.6})
+    wanted = {"relative error of kp": Metric(0.6), "relative error of Ti": Metric(0.3)}
+    assert wider.metrics == replace(wider, noise=0.1).metrics == wanted
+    assert replace(wider, gains=("kp", "b")).metrics["relative error of kp"] == Metric(0.6)
     with pytest.raises(ValueError, match="belong together"):
-        replace(plant, judge=judge)
-    assert replace(plant, judge=judge, figures={"x": 1.0}).figures == {"x": Figure(1.0)}
+        replace(plant, evaluate=judge)
+    assert replace(plant, evaluate=judge, metrics={"x": 1.0}).metrics == {"x": Metric(1.0)}
 
 
 def nothing(theta):

@@ -11,11 +11,11 @@ from test_report import Checked
 
 from tuners.cli.report import figures, loops
 from tuners.plants import ClosedLoop, OpenLoop, Response
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.loop.margins import Margins
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.pi_loop import PILoop
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 TARGET = Target(phase_margin=50.0, crossover=1.0, Ts=0.02, delay_samples=1)
 LOOP = PILoop.of(

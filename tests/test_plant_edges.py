@@ -23,11 +23,11 @@ from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Recipe
 from tuners.tuner.training import recipe_for
 from tuners.tuner.tuner_file import ModelFileError
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import recorded
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
 from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 QUICK = Recipe(Laguerre(8, 2.0), FeedForwardSettings(neurons=6, epochs=40), noise_draws=2)
 
@@ -87,7 +87,7 @@ def test_what_calibrates_nothing_is_refused():
     def judge(theta, gains):
         return np.where(theta[:, :1] > 1.6, np.nan, gains[:, :1] / design(theta)[:, :1])
 
-    unstable = described(judge=judge, figures={"gain": 1.0})
+    unstable = described(evaluate=judge, metrics={"gain": 1.0})
     with pytest.raises(ValueError, match="of 128 loops that calibrate .*at most a tenth"):
         plants.train(unstable, QUICK, count=100, calibration=128)
 

@@ -61,7 +61,7 @@ def test_the_tanks_gains_are_simcs_for_the_linearised_process(tanks):
 def test_the_tanks_judge_sees_the_step_it_says(tanks):
     plant, _ = tanks
     gains = plant.oracle(THETA)
-    rise, area = plant.judged(THETA, gains).T
+    rise, area = plant.metric_values(THETA, gains).T
     assert ((rise > 20) & (rise < 80)).all()
     # Without overshoot the integrated error is the integrator's change times Ti/kp.
     q = THETA[:, 1] * np.sqrt(2 * 981.0) * (np.sqrt(12.0) - np.sqrt(10.0))
@@ -71,7 +71,7 @@ def test_the_tanks_judge_sees_the_step_it_says(tanks):
 def test_the_tanks_are_drawn_as_they_are_judged(tanks):
     plant, _ = tanks
     for theta, gains, (rise, area) in zip(
-        THETA, plant.oracle(THETA), plant.judged(THETA, plant.oracle(THETA)), strict=True
+        THETA, plant.oracle(THETA), plant.metric_values(THETA, plant.oracle(THETA)), strict=True
     ):
         level, pump = plant.closed(theta, gains).responses
         e = level.wanted - level.value
@@ -106,7 +106,7 @@ def test_an_examples_file_alone_gives_table_and_picture(name, tmp_path):
     part = json.loads((tmp_path / "results" / "plants.json").read_text())[name]
     assert part["episodes"] == 20 and part["training"]["vehicles"] == 60
     assert (tmp_path / "results" / "plants.md").read_text().count("## ") == 1
-    assert (tmp_path / "figures" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
+    assert (tmp_path / "metrics" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_the_twenty_lines_of_the_guide_run(tmp_path):

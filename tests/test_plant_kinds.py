@@ -197,15 +197,15 @@ def test_where_no_gains_suit_everyone_there_is_no_fallback(linear):
         off = gains[:, :1] / design(theta)[:, :1] - 1
         return np.where(np.abs(off) < 0.2, off, np.nan)
 
-    stubborn = described(judge=judge, figures={"gain": 1.0})
+    stubborn = described(evaluate=judge, metrics={"gain": 1.0})
     tuner = plants.PlantTuner(stubborn, linear.stages, linear.black_box, {})
     assert np.isnan(tuner.fallback).all()
 
 
 def test_what_may_be_trusted_is_the_plants_to_say(linear):
     strict = described(
-        judge=lambda theta, gains: gains[:, :1] / design(theta)[:, :1],
-        figures={"gain [1]": plants.Figure(0.3, error=1e-9)},
+        evaluate=lambda theta, gains: gains[:, :1] / design(theta)[:, :1],
+        metrics={"gain [1]": plants.Metric(0.3, error=1e-9)},
         target=(1.0,),
     )
     block = recorded(strict, "test", 0, 4)
@@ -213,4 +213,4 @@ def test_what_may_be_trusted_is_the_plants_to_say(linear):
     assert found.findings["gain_error"].limit == 1e-9 and not found.trusted.any()
     assert found.findings["gain_spread"].limit == pytest.approx(0.03)
     with pytest.raises(ValueError, match="scale = 0"):
-        plants.Figure(0.0)
+        plants.Metric(0.0)

@@ -23,8 +23,8 @@ from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.logs.plant_log import PlantOptions, read_log
 from tuners.tuner.stages import Recipe
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 K, T = 1.25, 0.5
 FEW = Recipe(
@@ -195,8 +195,8 @@ def test_slower_samples_give_the_same_within_the_intervals(tuned, tmp_path, writ
     assert part["log"]["Ts"] == pytest.approx(every * TS) and part["trusted"]
     note = f"Ts is {every * TS:g} s: resampled to the plant's 0.02 s."
     assert note in part["notes"] and note not in whole["notes"]
-    for figure, interval in part["figures"].items():
-        assert interval["low"] < whole["figures"][figure]["value"] < interval["high"]
+    for figure, interval in part["metrics"].items():
+        assert interval["low"] < whole["metrics"][figure]["value"] < interval["high"]
 
 
 def test_time_stamps_are_judged_as_a_vehicles_are(tuned, written):
@@ -325,7 +325,7 @@ def test_a_vehicles_log_gives_the_same_through_a_plants_door():
     expected = own.tune(vehicle.steer, vehicle.yaw_rate, vehicle.Ts, vehicle.speed)
     found = generic.tune(log.u, log.y, log.Ts, log.measured)
     assert list(found.gains.values()) == [expected.kp, expected.Ti]
-    assert list(found.figures.values()) == [expected.phase_margin, expected.crossover]
+    assert list(found.metrics.values()) == [expected.phase_margin, expected.crossover]
     assert found.trusted == expected.trusted and not found.fit.from_rest
     assert found.fit.offset == expected.fit.offset
     np.testing.assert_array_equal(found.fit.simulated, expected.fit.simulated)

@@ -15,15 +15,14 @@ from tuners.trust.black_box import black_box, functions_for
 from tuners.trust.bound import cramer_rao
 from tuners.trust.fit import fit
 from tuners.tuner.recording import Recording
-from tuners.yaw_rate import context_of, theta_of, yaw_rate
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import recorded, sample
 from yawrate_env.plant.pi_loop import PILoop
 from yawrate_env.signals.excitation import prbs
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import record
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops, record
 from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.yaw_rate import context_of, theta_of, yaw_rate
 
 TARGET = Target(phase_margin=50.0, crossover=1.0, Ts=0.02)
 TASK = Task(experiment=Experiment(Ts=0.004, N=2500))
@@ -48,7 +47,7 @@ def test_the_design_meets_the_target_by_python_controls_own_margins():
     loop = PILoop.of(lambda theta: control.tf([theta[0]], [theta[1], 1]), 0.01, TARGET)
     theta = np.array([[2.0, 0.5], [3.0, 0.2]])
     gains = loop.design(theta)
-    np.testing.assert_allclose(loop.judge(theta, gains), [[50.0, 1.0]] * 2, rtol=1e-9)
+    np.testing.assert_allclose(loop.judge.evaluate(theta, gains), [[50.0, 1.0]] * 2, rtol=1e-9)
     for (K, T), (kp, Ti) in zip(theta, gains, strict=True):
         plant = control.tf([K], [T, 1]).sample(0.02)
         pi = kp * (1 + 0.02 / (2 * Ti) * control.tf([1, 1], [1, -1], 0.02))
@@ -69,10 +68,10 @@ def plant():
 
 def test_the_yaw_rate_plant_is_the_environments(plant):
     theta = sample(plant, 6)
-    oracle = Judge.of(TASK, context_of(theta)).oracle()
+    oracle = loops(TASK, context_of(theta)).design()
     np.testing.assert_array_equal(plant.oracle(theta), np.stack([oracle.kp, oracle.Ti], axis=1))
     gains = np.array([[0.2, 0.3], [0.4, 0.1], [0.1, 2.0], [2.0, 0.01], [-1.0, 1.0], [1e-4, 1.0]])
-    verdict = Judge.of(TASK, context_of(theta))(*gains.T)
+    verdict = loops(TASK, context_of(theta)).evaluate(*gains.T)
     np.testing.assert_allclose(plant.reward(theta, gains), verdict.reward, atol=1e-9)
     assert len(np.unique(verdict.reward.round(6))) >= 4  # graded, unstable and without crossover
 
@@ -91,7 +90,7 @@ def test_its_episodes_are_the_environments(register):
 def test_it_has_no_private_way_to_record_or_to_search(plant):
     draw = CONTEXT_SETS["test"].draw(TASK.prior, 0, 0, 12)
     theta = theta_of(draw.context)
-    slow = replace(plant, record=None, gray_box=None, search_limits={})
+    slow = replace(plant, record=None, search=None, search_limits={})
     y = plant.measure(theta, plant.u[None], draw.key)
     np.testing.assert_allclose(slow.measure(theta, plant.u[None], draw.key), y, rtol=1e-12)
     model = black_box(plant, functions_for(plant), plant.u[None], y, "auto")
@@ -129,6 +128,6 @@ def test_a_vehicles_tuner_is_its_plants_tuner(task):
     gains, same = generic.assess(block.u, block.y, block.theta)
     np.testing.assert_array_equal(np.stack([design.kp, design.Ti], axis=1), gains)
     np.testing.assert_array_equal(found.trusted, same.trusted)
-    np.testing.assert_array_equal(found.figures, same.figures)
+    np.testing.assert_array_equal(found.metrics, same.metrics)
     np.testing.assert_array_equal(found.spread, same.spread)
     assert {"v_x", *found.findings} == {"speed", "implausible", *same.findings}

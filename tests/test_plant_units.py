@@ -180,7 +180,7 @@ def test_slow_plants_have_logs_in_minutes_and_hours(read, unit, seconds):
 
 def test_a_measured_value_in_another_unit_is_told_which():
     with pytest.raises(ValueError, match="at most 7.5. Give it in N m, or describe"):
-        DRIVEN.possible("load [N m]", 2000.0)
+        DRIVEN.check_value("load [N m]", 2000.0)
 
 
 def test_channels_of_mdf_state_theirs(tmp_path):

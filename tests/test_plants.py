@@ -96,8 +96,8 @@ def test_intervals_hold_as_often_as_they_say(tuner):
 )
 def test_the_other_stages_compose(recipe, tested):
     tuner = plants.train(plant, recipe, count=150, calibration=0)
-    error = plant.judged(tested.theta, tuner.gains(U[None], tested.y))
-    nominal = plant.judged(tested.theta, np.repeat(plant.oracle(plant.middle), 256, axis=0))
+    error = plant.metric_values(tested.theta, tuner.gains(U[None], tested.y))
+    nominal = plant.metric_values(tested.theta, np.repeat(plant.oracle(plant.middle), 256, axis=0))
     assert np.sqrt((error**2).mean()) < 0.25 * np.sqrt((nominal**2).mean())
 
 
@@ -162,7 +162,7 @@ def test_rewards_grade_and_unstable_loops_earn_least():
     # 30 % of one gain count as one, which earns -1/(1 + 1/4).
     assert plant.reward(theta, right * [1.3, 1.0]) == pytest.approx(-0.8 * np.ones(4))
     assert (plant.reward(theta, right * np.nan) == -5).all()
-    own = described(judge=judged_undefined, figures={"gain": 1.0}, design=lambda t: 0.5 + 0 * t)
+    own = described(evaluate=judged_undefined, metrics={"gain": 1.0}, design=lambda t: 0.5 + 0 * t)
     earned = own.reward(theta[:3], np.array([[2.0, 1.0], [0.5, 1.0], [np.nan, 1.0]]))
     np.testing.assert_array_equal(earned, [-4, 0, -5])
 
@@ -192,9 +192,9 @@ def test_rewards_grade_and_unstable_loops_earn_least():
         ),
         ({"simulate": lambda t, u, rng: np.random.default_rng().normal(size=(2, 500))}, "random"),
         ({"design": lambda t: -design(t)}, "coordinates of your own"),
-        ({"judge": judged_unstable}, "belong together"),
-        ({"judge": judged_unstable, "figures": {"x": 1.0}}, "judge in the prior's middle"),
-        ({"judge": judged_unstable, "figures": {"x": 0.0}}, "figure x = 0"),
+        ({"evaluate": judged_unstable}, "belong together"),
+        ({"evaluate": judged_unstable, "metrics": {"x": 1.0}}, "evaluate in the prior's middle"),
+        ({"evaluate": judged_unstable, "metrics": {"x": 0.0}}, "metric x = 0"),
     ],
 )
 def test_a_bad_description_is_refused_with_the_remedy(change, words):
@@ -206,11 +206,11 @@ def test_gains_of_any_sign_have_their_own_coordinates():
     def negative(theta):
         return -design(theta)
 
-    own = described(design=negative, coordinates=plants.Coordinates(lambda g: g, lambda x: x))
+    own = described(design=negative, parametrisation=plants.Coordinates(lambda g: g, lambda x: x))
     tuner = plants.train(own, FEW, count=100, calibration=0)
     (block,) = episodes(own, "test", 0, 0, 64)
     found = tuner.gains(U[None], block.y)
-    assert np.abs(own.judged(block.theta, found)).mean() < 0.1
+    assert np.abs(own.metric_values(block.theta, found)).mean() < 0.1
 
 
 def test_good_recordings_are_trusted(tuner, tested):
@@ -240,7 +240,7 @@ def test_a_result_says_what_was_found(tuner, tested):
     K, T = tested.theta[0]
     assert result.gains["kp"] == pytest.approx(T / (K * TAU), rel=0.05)
     assert result.parameters == pytest.approx({"K": K, "T": T}, rel=0.05)
-    interval = result.figures["relative error of kp"]
+    interval = result.metrics["relative error of kp"]
     assert interval.low < interval.value < interval.high
     assert result.notes == () and result.trusted
     assert tuner.tune(U[:400], tested.y[0, :400]).notes != ()
@@ -265,7 +265,7 @@ def test_another_sampling_time_gives_the_same(tuner, Ts):
     assert whole.trusted and part.trusted, part.reasons
     assert part.notes[0] == f"Ts is {Ts:g} s: resampled to the plant's 0.02 s."
     for name, right in zip(plant.gains, plant.oracle(theta)[0], strict=True):
-        one, other = (r.figures[f"relative error of {name}"] for r in (whole, part))
+        one, other = (r.metrics[f"relative error of {name}"] for r in (whole, part))
         assert other.low < one.value < other.high
         wider = (other.high - other.low) / (one.high - one.low)
         assert wider == pytest.approx(np.sqrt(parts), rel=0.25)
@@ -373,7 +373,7 @@ def test_a_plant_is_found_under_an_entry_that_it_does_not_name(monkeypatch):
     monkeypatch.setattr(first_order, "nameless", described(entry=""), raising=False)
     found = plants.find("first_order:nameless")
     assert found.entry == "first_order:nameless" and first_order.nameless.entry == ""
-    assert found.prior == plant.prior and found.figures == plant.figures
+    assert found.prior == plant.prior and found.metrics == plant.metrics
 
 
 SAME_NAME = """

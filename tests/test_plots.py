@@ -48,7 +48,7 @@ def margin_scatter(points=None, bound=(0.01, 1e-3)):
     return plots.margin_scatter(points, (60.0, 1.5), bound)
 
 
-FIGURES = {
+METRICS = {
     "identification": identification,
     "regression": lambda: regression(estimates()),
     "times": lambda: plots.times(estimates(0.01 * TRUTH)),
@@ -70,10 +70,10 @@ def dot_colours(axes):
     return [to_hex(part.get_facecolor()[0]).upper() for part in dots]
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("name", METRICS)
 def test_labels_have_units_and_settings_stay(name):
     before = dict(matplotlib.rcParams)
-    figure = FIGURES[name]()
+    figure = METRICS[name]()
     assert dict(matplotlib.rcParams) == before
     assert isinstance(figure, Figure) and figure.get_figwidth() == palette.WIDTH
     written = [label for label in labels(figure) if label]
@@ -81,12 +81,12 @@ def test_labels_have_units_and_settings_stay(name):
     assert all("[" in label for label in written)
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("name", METRICS)
 def test_equal_figures_are_saved_as_equal_bytes(name, tmp_path, monkeypatch):
     monkeypatch.setattr(plots, "DPI", 40)  # faster
     written = []
     for file in ("a.png", "b.png"):
-        plots.save(FIGURES[name](), tmp_path / file)
+        plots.save(METRICS[name](), tmp_path / file)
         written.append((tmp_path / file).read_bytes())
     assert written[0] == written[1]
     assert written[0].startswith(b"\x89PNG")
@@ -97,7 +97,7 @@ def test_equal_figures_are_saved_as_equal_bytes(name, tmp_path, monkeypatch):
 def test_a_save_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "figure.png"
     path.write_bytes(b"old")
-    figure = FIGURES["times"]()
+    figure = METRICS["times"]()
 
     def broken(file, **_):
         file.write_bytes(b"half of it")
@@ -120,7 +120,7 @@ def test_a_tuner_has_one_colour_in_every_figure():
     assert len(set(expected)) == 3
     above = regression(estimates()).axes[:3]
     assert [dot_colours(axes)[0] for axes in above] == expected
-    (axes,) = FIGURES["times"]().axes
+    (axes,) = METRICS["times"]().axes
     assert dot_colours(axes) == expected
     for axes in tracking().axes:
         assert [lines(axes)[name].get_color() for name in NAMES] == expected

@@ -15,7 +15,7 @@ import yawrate_env  # noqa: F401
 from yawrate_env.env.rendering import figure, pixels
 from yawrate_env.env.window import Window
 from yawrate_env.env.yaw_rate_env import PITuningEnv
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 
@@ -63,8 +63,8 @@ def test_nothing_of_the_truth_is_drawn_before_the_step() -> None:
 
 
 def test_headline_tells_what_the_judge_found() -> None:
-    judge = Judge.of(TASK, VEHICLE)
-    oracle = judge.oracle()
+    judge = loops(TASK, VEHICLE)
+    oracle = judge.design()
     shown = words(figure(TASK, VEHICLE, OBS, np.array([oracle.kp[0], oracle.Ti[0]])))
     for value in (f"{oracle.kp[0]:.3g} s", f"{oracle.Ti[0]:.3g} s", "60.0°", "1.50 Hz", "stable"):
         assert value in shown
@@ -73,7 +73,7 @@ def test_headline_tells_what_the_judge_found() -> None:
 
 def test_step_responses_follow_the_reference_and_the_oracle() -> None:
     """Integral action reaches the reference, with the oracle's gains along its own line."""
-    oracle = Judge.of(TASK, VEHICLE).oracle()
+    oracle = loops(TASK, VEHICLE).design()
     picture = figure(TASK, VEHICLE, OBS, np.array([oracle.kp[0], oracle.Ti[0]]))
     curves = lines(picture, "Step response")
     np.testing.assert_array_equal(curves["gains"], curves["oracle"])

@@ -15,9 +15,9 @@ from tuners.cli.report import render
 from tuners.cli.report.page import CHECKS
 from tuners.cli.report.residuals import autocorrelation, cross_correlation
 from tuners.tuner.result import Check
-from tuners.yaw_rate import theta_of, yaw_rate
 from yawrate_env.vehicle.single_track import Context, Vehicle
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import theta_of, yaw_rate
 
 
 @pytest.fixture(scope="module")

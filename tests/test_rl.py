@@ -16,11 +16,11 @@ from tuners.agents.training import _actor, _Average, of_vehicles
 from tuners.features.laguerre import Laguerre
 from tuners.learners.actor import Actor
 from tuners.tuner.evaluation import evaluate
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.loop.design import Design
 from yawrate_env.plant.reward import margin_error
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 SHORT = {"Ts": 0.01, "N": 300}
 # SAC and TD3 start to learn after 512 episodes.
@@ -105,7 +105,7 @@ def test_training_never_reads_the_oracles_gains(algorithm, monkeypatch):
         nothing = np.full(len(self.plant.A), np.nan)
         return Design(nothing, nothing, np.full(len(nothing), 2))
 
-    monkeypatch.setattr(Judge, "oracle", blind)
+    monkeypatch.setattr(Loops, "oracle", blind)
     assert_same(trained(algorithm)[-1][1], expected)
 
 
@@ -352,6 +352,6 @@ def test_the_shipped_agent_keeps_its_features(path):
     np.testing.assert_allclose(tuner.features.mean, features.mean, rtol=1e-6)
     np.testing.assert_allclose(tuner.features.scale, features.scale, rtol=1e-6)
     actions, _ = tuner.predict(observations(recorded(20)))
-    verdict = Judge.of(tuner.task, recorded(20).context)(*actions.T)
+    verdict = loops(tuner.task, recorded(20).context).evaluate(*actions.T)
     np.testing.assert_allclose(verdict.margins.phase_margin, 60, atol=1.0)
     np.testing.assert_allclose(verdict.margins.crossover, 1.5, atol=0.03)

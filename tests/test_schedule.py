@@ -12,7 +12,7 @@ from studies import pictures, plots, schedule, schedule_page
 from tuners.trust.vehicle_bound import cramer_rao
 from tuners.tuner.gray_box import GrayBox
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Prior, Task
 
@@ -76,7 +76,9 @@ def test_the_schedule_is_the_oracles_within_the_tuners_accuracy(rows):
 def test_the_oracles_gains_give_the_target_at_every_speed(rows):
     for row in rows:
         context = Context.of(row.mu_s, row.M_delta, row.v_x)
-        margins = Judge.of(TASK, context)(np.array(row.oracle_kp), np.array(row.oracle_Ti)).margins
+        margins = (
+            loops(TASK, context).evaluate(np.array(row.oracle_kp), np.array(row.oracle_Ti)).margins
+        )
         np.testing.assert_allclose(margins.phase_margin, 60, atol=1e-6)
         np.testing.assert_allclose(margins.crossover, 1.5, atol=1e-8)
 

@@ -15,12 +15,12 @@ from tuners.tuner.baselines import Nominal, Oracle
 from tuners.tuner.evaluation import Evaluation
 from yawrate_env.plant.reward import reward
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.task import Task
 
 TASK = Task()
 CONTEXT = CONTEXT_SETS["test"].draw(TASK.prior, 0, 0, 200).context
-JUDGE = Judge.of(TASK, CONTEXT)
+JUDGE = loops(TASK, CONTEXT)
 
 
 def evaluation(name, kp, Ti):
@@ -34,7 +34,7 @@ def evaluation(name, kp, Ti):
 
 def board(*others, **errors):
     """Rows of the two ends, others, and oracles whose log gain is off by so much (std)."""
-    truth = JUDGE.oracle()
+    truth = JUDGE.design()
     middle = Nominal(TASK)._fallback
     noise = np.random.default_rng(0).standard_normal(len(CONTEXT))
     found = [
@@ -81,7 +81,7 @@ def test_intervals_contain_their_figures():
 
 
 def test_figures_are_what_their_definitions_say():
-    truth = JUDGE.oracle()
+    truth = JUDGE.design()
     row = board(a=0.1)["a"]
     noise = np.random.default_rng(0).standard_normal(len(CONTEXT))
     e = evaluation("a", truth.kp * np.exp(0.1 * noise), truth.Ti)

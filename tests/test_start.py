@@ -7,10 +7,10 @@ from recordings import recorded
 from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import black_box, free_responses
 from tuners.tuner.recording import Recording
-from tuners.yaw_rate import BLACK_BOX, yaw_rate
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.vehicle.episode import plants
 from yawrate_env.vehicle.task import Experiment, Task
+from yawrate_env.vehicle.yaw_rate import BLACK_BOX, yaw_rate
 
 REST = recorded(8)
 

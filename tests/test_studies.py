@@ -11,10 +11,10 @@ from tuners.catalogue import RECIPES
 from tuners.features import Laguerre
 from tuners.tuner.baselines import Nominal
 from tuners.tuner.evaluation import evaluate
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.plant.episodes import examples
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 
 class Unusable(Nominal):

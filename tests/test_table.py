@@ -8,7 +8,7 @@ import pytest
 from studies.metrics import bootstrap_interval
 from studies.table import PAPER, bound_row, row, to_json, to_markdown
 from tuners.tuner.evaluation import Evaluation
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 
@@ -18,7 +18,7 @@ CROSSOVERS = np.array([1.49, 1.52, 1.5, np.nan, 1.48])
 
 def evaluation(tuner="ts-ff"):
     context = Context.of([0.4, 0.6, 0.8, 1.0, 0.5], [0.0, 100.0, 200.0, 300.0, 50.0], 20.0)
-    truth = Judge.of(Task(), context).oracle()
+    truth = loops(Task(), context).design()
     stable = np.array([True, True, True, False, False])
     seconds = np.array([1e-3, 2e-3, 9.0, 1e-3, 4e-3])
     return Evaluation(

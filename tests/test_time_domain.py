@@ -7,7 +7,7 @@ from systems import contexts
 from yawrate_env.batch import take
 from yawrate_env.loop import closed_loop
 from yawrate_env.loop.target import Target
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.manoeuvre import double_lane_change
 from yawrate_env.vehicle.nonlinear import NonlinearTwin
 from yawrate_env.vehicle.nonlinear.time_domain import time_domain, time_response
@@ -18,7 +18,7 @@ TASK = Task(twin=NonlinearTwin())
 
 
 def oracle(context, task=TASK):
-    design = Judge.of(task, context).oracle()
+    design = loops(task, context).design()
     return design.kp, design.Ti
 
 
@@ -30,7 +30,7 @@ def test_small_references_see_the_linear_loop(form, delay):
     kp, Ti = np.full(20, 0.1), np.full(20, 0.3)
     _, reference = double_lane_change(target.Ts, 1e-4)
     y, u = time_response(task, context, kp, Ti, reference)
-    plant = Judge.of(task, context).plant
+    plant = loops(task, context).plant
     expected_y, expected_u = closed_loop.time_response(plant, kp, Ti, target, reference)
     np.testing.assert_allclose(y, expected_y, rtol=0, atol=1e-6 * np.abs(expected_y).max())
     np.testing.assert_allclose(u, expected_u, rtol=0, atol=1e-6 * np.abs(expected_u).max())
@@ -40,9 +40,7 @@ def test_measures_of_small_steps_are_those_of_the_linear_loop():
     context = contexts(10, seed=1)
     kp, Ti = oracle(context)
     found = time_domain(TASK, context, kp, Ti, 1e-5)
-    y, _ = closed_loop.time_response(
-        Judge.of(TASK, context).plant, kp, Ti, TASK.target, np.ones(1000)
-    )
+    y, _ = closed_loop.time_response(loops(TASK, context).plant, kp, Ti, TASK.target, np.ones(1000))
     np.testing.assert_allclose(found.overshoot, 100 * np.maximum(y.max(axis=1) - 1, 0), atol=1e-3)
     for b in range(10):
         outside = np.flatnonzero(np.abs(y[b] - 1) > 0.02)

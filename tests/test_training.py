@@ -12,14 +12,13 @@ from tuners.features.armax import Armax
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.tuner.stages import Recipe
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import examples
 from yawrate_env.plant.parametrisation import loop
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import record
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops, record
 from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 torch.set_num_threads(1)
 
@@ -48,7 +47,7 @@ def test_a_data_set_is_features_of_the_episodes_and_gains_of_the_rule(data):
     draw = TRAIN.draw(Prior(), 0, 0, 60)
     u, y = record(Task(), draw)
     features, usable = Armax()(u, np.asarray(y), 0.001)
-    oracle = Judge.of(Task(), draw.context).oracle()
+    oracle = loops(Task(), draw.context).design()
     assert len(data) == 60
     np.testing.assert_array_equal(data.features, features)
     np.testing.assert_array_equal(data.usable, usable)

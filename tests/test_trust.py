@@ -17,13 +17,12 @@ from tuners.trust.vehicle_trust import Calibration
 from tuners.tuner.baselines import Oracle
 from tuners.tuner.gray_box import GrayBox
 from tuners.tuner.recording import Recording
-from tuners.yaw_rate import theta_of, yaw_rate
 from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import record
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops, record
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.vehicle.yaw_rate import theta_of, yaw_rate
 
 RECORDING = recorded(8)
 TASK = Task()
@@ -57,9 +56,9 @@ def test_noise_that_counts_is_noise_around_the_crossover():
 def test_what_is_predicted_is_what_happens(name):
     tuner = tuners.load(name)
     design, found = tuner.assess(RECORDING)
-    actual = Judge.of(TASK, RECORDING.context)(design.kp, design.Ti).margins
+    actual = loops(TASK, RECORDING.context).evaluate(design.kp, design.Ti).margins
     true = np.stack([actual.phase_margin, actual.crossover], axis=1)
-    assert (np.abs(found.figures - true) < 4 * found.spread).all()
+    assert (np.abs(found.metrics - true) < 4 * found.spread).all()
     assert found.trusted.all()
 
 
@@ -87,7 +86,7 @@ def test_one_answer_is_put_in_words():
 def test_an_answer_from_mid_drive_at_100_hz():
     u, y = RECORDING.u[0, 2500::10], RECORDING.y[3, 2500::10] + 0.01
     result = tuners.load("ts-ff-lag").tune(u, y, 0.01)
-    margins = Judge.of(TASK, RECORDING.part(slice(3, 4)).context)(
+    margins = loops(TASK, RECORDING.part(slice(3, 4)).context)(
         np.array([result.kp]), np.array([result.Ti])
     ).margins
     assert result.trusted and not result.fit.from_rest
@@ -128,7 +127,7 @@ def test_gains_that_miss_are_not_trusted(kind):
     trusted = found.trusted
     for i, vehicle in enumerate(made.vehicle * (8 // len(made.vehicle))):
         one = Context(*(getattr(made.context, n)[i : i + 1] for n in Context.__slots__))
-        verdict = Judge.of(Task(vehicle), one)(design.kp[i : i + 1], design.Ti[i : i + 1])
+        verdict = loops(Task(vehicle), one).evaluate(design.kp[i : i + 1], design.Ti[i : i + 1])
         error = abs(verdict.margins.phase_margin[0] - 60), abs(verdict.margins.crossover[0] - 1.5)
         hit = error[0] <= 3 and error[1] <= 0.15 and verdict.stable[0]
         assert hit or not trusted[i]
@@ -146,7 +145,7 @@ def test_gains_that_miss_are_not_trusted(kind):
 def test_the_fallback_is_stable_for_the_whole_prior(task):
     kp, Ti = fallback(task)
     everyone = prior_grid(task.prior, 25, 25, 25)
-    verdict = Judge.of(task, everyone)(np.full(len(everyone), kp), np.full(len(everyone), Ti))
+    verdict = loops(task, everyone).evaluate(np.full(len(everyone), kp), np.full(len(everyone), Ti))
     assert verdict.stable.all() and verdict.margins.modulus_margin.min() > LEAST_DISTANCE - 0.01
 
 

@@ -15,7 +15,7 @@ from tuners.tuner.gray_box import GrayBox
 from tuners.tuner.tuner import Tuner, nominal_context, task_from
 from yawrate_env.loop.design import Design, Status
 from yawrate_env.loop.target import Target
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context, Vehicle
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 
@@ -31,7 +31,7 @@ RECORDING = recorded(8)
 
 
 def margins(gains, context=RECORDING.context):
-    verdict = Judge.of(Task(), context)(*np.atleast_2d(gains).T)
+    verdict = loops(Task(), context).evaluate(*np.atleast_2d(gains).T)
     assert verdict.stable.all()
     return verdict.margins.phase_margin, verdict.margins.crossover
 
@@ -196,7 +196,7 @@ def test_a_range_of_speeds_is_noted_as_one():
 @pytest.mark.parametrize("name, kp, Ti", [("ts-ff", 0.1, 0.3), ("gb", 0.01, 0.02)])
 def test_another_sampling_time_works_with_a_note(name, kp, Ti):
     recording = recorded(8, Experiment(Ts=0.01, N=1000))
-    tuner, truth = tuners.load(name), Judge.of(Task(), RECORDING.context).oracle()
+    tuner, truth = tuners.load(name), loops(Task(), RECORDING.context).design()
     for index in range(8):
         result = tuner.tune(recording.u[0], recording.y[index], 0.01)
         notes = ("Ts is 0.01 s, made for 0.001 s.", "1000 samples, made for 10000.")
@@ -245,7 +245,7 @@ def test_where_nothing_moves_nothing_is_found(name, case):
 def test_a_step_from_rest_is_not_nothing():
     recording = recorded(2, Experiment(N=700))  # the register's first seven bits are the same
     assert np.ptp(recording.u) == 0
-    actions, truth = GrayBox(Task()).act(recording), Judge.of(Task(), recording.context).oracle()
+    actions, truth = GrayBox(Task()).act(recording), loops(Task(), recording.context).design()
     np.testing.assert_allclose(actions.T, [truth.kp, truth.Ti], rtol=0.1)
 
 
@@ -284,7 +284,7 @@ class Lost(Tuner):
 
 def test_where_no_gains_are_found_the_nominal_vehicles_are_given():
     tuner = Lost(Task())
-    nominal = Judge.of(Task(), Context.of(0.7, 150.0, 20.0)).oracle()
+    nominal = loops(Task(), Context.of(0.7, 150.0, 20.0)).design()
     result = tuner.tune(*episode(0))
     assert (result.kp, result.Ti) == pytest.approx((nominal.kp[0], nominal.Ti[0]))
     assert result.status is Status.UNREACHABLE and not result.converged
@@ -297,7 +297,7 @@ def test_where_no_gains_are_found_the_nominal_vehicles_are_given():
 def test_nominal_is_the_middle_vehicles_pi_for_all():
     actions, _ = tuners.load("nominal").predict(observations(RECORDING))
     np.testing.assert_array_equal(actions, np.tile(actions[0], (8, 1)))
-    found = Judge.of(Task(), Context.of(0.7, 150.0, 20.0))(*actions.T[:, :1]).margins
+    found = loops(Task(), Context.of(0.7, 150.0, 20.0)).evaluate(*actions.T[:, :1]).margins
     assert found.phase_margin[0] == pytest.approx(60) and found.crossover[0] == pytest.approx(1.5)
     context = nominal_context(Prior(v_x=(10.0, 33.0)))
     middle = (context.mu_s[0], context.M_delta[0], context.v_x[0])

@@ -21,11 +21,11 @@ from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
 from tuners.learners.actor import LIMIT
 from tuners.tuner.recording import Recording
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 PLAIN, FEATURES = "yawrate/PITuning-v0", "yawrate/PITuningFeatures-v0"
 SHORT = {"Ts": 0.01, "N": 300}  # the least that ARMAX takes
@@ -340,7 +340,7 @@ TASKS = {
 @pytest.mark.parametrize("name", TASKS)
 def test_the_range_holds_every_oracle_with_room_to_spare(name):
     task = TASKS[name]
-    oracle = Judge.of(task, contexts(task)).oracle()
+    oracle = loops(task, contexts(task)).design()
     gains = np.stack([oracle.kp, oracle.Ti], axis=1)
     used = (found := ActionMap.of(yaw_rate(task))).actions(gains)
     assert np.abs(used).max() < 1

@@ -20,10 +20,10 @@ from tuners.tuner.stages import Recipe
 from tuners.tuner.training import fit
 from tuners.tuner.tuner import Tuner
 from tuners.tuner.two_stage import TwoStage
-from tuners.yaw_rate import yaw_rate
 from yawrate_env import validation
 from yawrate_env.plant.episodes import Examples
 from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 RECIPES = {
     "ts-gbm": Recipe(Armax(), GBMSettings()),

@@ -10,7 +10,7 @@ import control
 
 from tuners import plants
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.pi_loop import FIGURES, GAINS, PILoop
+from yawrate_env.plant.pi_loop import GAINS, METRICS, PILoop
 from yawrate_env.signals.excitation import prbs
 
 R, L, K = 1.0, 2e-3, 0.05  # winding [ohm], [H], torque constant [N m/A] = [V s/rad]
@@ -31,10 +31,10 @@ plant = plants.Plant(
     prior={"J": (1e-4, 6e-4), "b": (5e-4, 4e-3)},
     simulate=loop.simulate,
     design=loop.design,
-    judge=loop.judge,
+    evaluate=loop.judge,
     gains=GAINS,
-    figures={**FIGURES, "crossover [Hz]": 1.3},
-    coordinates=plants.loop(target),
+    metrics={**METRICS, "crossover [Hz]": 1.3},
+    parametrisation=plants.loop(target),
     u=prbs(N=2000, Ts=TS, bit_time=0.05, amplitude=6.0)[0],
     Ts=TS,
     noise=1.0,  # rad/s, of a tachometer

@@ -117,9 +117,9 @@ plant = plants.Plant(
     prior={"a1": (0.3, 0.5), "a2": (0.3, 0.5), "pump": (8.0, 12.0)},  # cm2, cm2, cm3/(s V)
     simulate=simulate,
     design=design,
-    judge=judge,
+    evaluate=judge,
     gains=("kp", "Ti"),
-    figures={"rise time [s]": 5.0, "integrated error [cm s]": 5.0},
+    metrics={"rise time [s]": 5.0, "integrated error [cm s]": 5.0},
     u=5.0 + prbs(N, TS, bit_time=40.0, amplitude=2.0)[0],
     Ts=TS,
     noise=0.1,  # cm

@@ -21,7 +21,6 @@ from tuners.features.laguerre import Laguerre
 from tuners.trust.vehicle_identification import identify
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import nominal_context
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES
 from yawrate_env.loop.simulation import simulate
@@ -29,6 +28,7 @@ from yawrate_env.plant.episodes import examples
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
 from yawrate_env.vehicle.episode import Draw, plants, record
 from yawrate_env.vehicle.task import Experiment, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Progress = Callable[[str, int, int], None]
 

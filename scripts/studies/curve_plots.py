@@ -34,7 +34,7 @@ def learning_curves(scores: Sequence[Score]) -> Figure:
         _panel(above, scores, lambda s: s.error)
         _panel(below, scores, lambda s: s.phase_margin[1])
         above.set_ylabel("mean margin error [1 = 10° or 0.25 Hz]")
-        below.set_ylabel("standard deviation of phase margin [deg]")
+        below.set_ylabel("standard deviation of phase_margin [deg]")
         below.set_xlabel("simulated episodes")
         many = f"interquartile mean of {seeds} seeds and its 95 % interval"
         picture.supxlabel(

@@ -20,9 +20,9 @@ from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.files import write_text
+from yawrate_env.loop.loops import Evaluation
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import record
-from yawrate_env.vehicle.judge import Judge, Verdict
+from yawrate_env.vehicle.episode import loops, record
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 
@@ -79,13 +79,13 @@ def _batch(
     draw = CONTEXT_SETS["test"].draw(task.prior, seed, first, count)
     u, y = record(task, draw)
     recording = Recording(u, np.asarray(y), task.experiment.Ts, draw.context.v_x)
-    judge = Judge.of(task, draw.context)
+    judge = loops(task, draw.context)
     for name, tuner in tuners.items():
-        verdict = judge(*tuner.act(recording).T)
+        verdict = judge.evaluate(*tuner.act(recording).T)
         _count(tallies[name], verdict, task, draw.context, first)
 
 
-def _count(tally: Tally, verdict: Verdict, task: Task, context: Context, first: int) -> None:
+def _count(tally: Tally, verdict: Evaluation, task: Task, context: Context, first: int) -> None:
     """Add a batch whose first episode is number `first`."""
     tally["unstable"] += int((~verdict.stable).sum())
     for name in QUANTITIES:

@@ -7,10 +7,10 @@ from tuners.catalogue import TRAINING_SEED, train
 from tuners.features import FirstStage
 from tuners.tuner.stages import Recipe
 from tuners.tuner.two_stage import TwoStage
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.batch import concatenate, take
 from yawrate_env.plant.episodes import Examples, compressed
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Progress = Callable[[int, int], None]
 

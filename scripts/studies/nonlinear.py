@@ -21,7 +21,7 @@ from tuners.tuner.evaluation import Evaluation, evaluate
 from tuners.tuner.gray_box import GrayBox
 from tuners.tuner.tuner import Tuner
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.nonlinear import NonlinearTwin, Tyre
 from yawrate_env.vehicle.nonlinear.time_domain import time_domain
 from yawrate_env.vehicle.single_track import Context
@@ -129,12 +129,12 @@ def study(
         for name, twin in ((NONLINEAR, task.twin), (MISTAKEN, WRONG)):
             tuners[name] = train(RECIPE, replace(task, twin=twin), episodes=training, seed=seed,
                                  progress=progress)  # fmt: skip
-        scores += judged(task, amplitude, tuners, episodes, seed)
+        scores += metric_values(task, amplitude, tuners, episodes, seed)
         progress("testing", done, len(amplitudes))
     return scores
 
 
-def judged(
+def metric_values(
     task: Task, amplitude: float, tuners: Mapping[str, Tuner], episodes: int, seed: int
 ) -> list[Score]:
     """Scores of every tuner and of the oracle on the task's test episodes."""
@@ -243,9 +243,9 @@ def to_markdown(scores: Sequence[Score]) -> str:
 
 def _oracle(task: Task, context: Context) -> Evaluation:
     """The design rule that knows the vehicles, as an evaluation."""
-    judge = Judge.of(task, context)
-    design = judge.oracle()
-    verdict = judge(design.kp, design.Ti)
+    judge = loops(task, context)
+    design = judge.design()
+    verdict = judge.evaluate(design.kp, design.Ti)
     margins = verdict.margins
     return Evaluation(ORACLE, context, design.kp, design.Ti, margins.phase_margin,
                       margins.crossover, verdict.stable, np.zeros_like(design.kp))  # fmt: skip

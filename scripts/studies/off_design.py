@@ -19,7 +19,7 @@ from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.task import Task
 
 Array = NDArray[np.float64]
@@ -147,7 +147,7 @@ def measure(
     bounds = []
     for first in range(0, episodes, _CHUNK):
         draw = CONTEXT_SETS["test"].draw(truth.prior, seed, first, min(_CHUNK, episodes - first))
-        recording, judge = shown(recorded(truth, draw), draw), Judge.of(truth, draw.context)
+        recording, judge = shown(recorded(truth, draw), draw), loops(truth, draw.context)
         for name in tuners.keys() - refused.keys():
             try:
                 parts[name].append(answered(tuners[name], recording, judge))
@@ -169,13 +169,13 @@ def measure(
     ]
 
 
-def answered(tuner: Tuner, recording: Recording, judge: Judge) -> Array:
-    """(B, 4) of phase margin [deg], crossover [Hz], and stable and trusted as 0 or 1.
+def answered(tuner: Tuner, recording: Recording, judge: Loops) -> Array:
+    """(B, 4) of phase_margin [deg], crossover [Hz], and stable and trusted as 0 or 1.
 
     Margins are ``nan`` where the loop is unstable.
     """
     design, found = tuner.assess(recording)
-    verdict = judge(design.kp, design.Ti)
+    verdict = judge.evaluate(design.kp, design.Ti)
     margins = np.stack([verdict.margins.phase_margin, verdict.margins.crossover], axis=1)
     margins[~verdict.stable] = np.nan
     return np.column_stack([margins, verdict.stable, found.trusted])

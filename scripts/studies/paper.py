@@ -16,17 +16,16 @@ from tuners.trust.vehicle_bound import cramer_rao, posterior_spread
 from tuners.tuner.evaluation import Evaluation, evaluate, write_csv
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.files import write_text
 from yawrate_env.loop import closed_loop
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.plant.episodes import examples
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import Draw, plants, record
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import Draw, loops, plants, record
 from yawrate_env.vehicle.manoeuvre import double_lane_change
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 SHOWN = ("gb", "ts-ff", "ts-gbm")
 """The three methods of the paper's figures."""
@@ -147,7 +146,7 @@ def _identification(task: Task, seed: int) -> Figure:
 def _tracking(task: Task, tuners: Mapping[str, Tuner]) -> Figure:
     """Fig. 8: the same vehicle and manoeuvre for every method."""
     context = Context.of(*FIGURE_8, task.prior.v_x[0])
-    judge = Judge.of(task, context)
+    judge = loops(task, context)
     drawn = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 1)
     u, y = record(task, Draw(context, drawn.start, drawn.key))
     recording = Recording(u, np.asarray(y), task.experiment.Ts, context.v_x, context)

@@ -45,7 +45,7 @@ def off_design(cells: Sequence[Cell]) -> Figure:
             _numbers(axes, (1,))
         for axes in grid.flat[len(sweeps) :]:
             axes.set_axis_off()
-        picture.supylabel("rms error of phase margin [deg]", fontsize=STYLE["font.size"])
+        picture.supylabel("rms error of phase_margin [deg]", fontsize=STYLE["font.size"])
         _key(grid.flat[len(sweeps)], names)
     return picture
 
@@ -125,7 +125,7 @@ def schedule(rows: Sequence[Schedule], bins: Sequence[Bin], prices: Sequence[Pri
         _accuracy(errors, bins)
         for found, dashes in zip(prices, ("-", "-", "--", ":"), strict=False):
             _price(wrong, found, dashes)
-        wrong.set(xlabel=SPEED.name, ylabel="rms error of phase margin [deg]", ylim=(0, None))
+        wrong.set(xlabel=SPEED.name, ylabel="rms error of phase_margin [deg]", ylim=(0, None))
         wrong.legend(fontsize=8)
         for axes in (kp, Ti, errors):
             _numbers(axes, (1, 2, 5))
@@ -140,7 +140,7 @@ def _accuracy(axes: Axes, bins: Sequence[Bin]) -> None:
     for b in bins:
         if b.phase_margin.interval:
             axes.fill_between([b.low, b.high], *b.phase_margin.interval, color=hue, alpha=0.2, lw=0)
-    axes.set(xlabel="speed [m/s]", ylabel="rms error of phase margin [deg]", yscale="log")
+    axes.set(xlabel="speed [m/s]", ylabel="rms error of phase_margin [deg]", yscale="log")
     axes.legend(fontsize=8)
 
 

@@ -84,7 +84,7 @@ def _part(tuner: PlantTuner, comparison: Comparison) -> dict[str, Any]:
     plant, bound = tuner.plant, comparison.bound
     rows = {
         name: {
-            "rms": dict(zip(plant.figures, comparison.rms(name).tolist(), strict=True)),
+            "rms": dict(zip(plant.metrics, comparison.rms(name).tolist(), strict=True)),
             "unstable": comparison.unstable(name),
         }
         for name in (TUNER, GRAY_BOX, SEVERAL, NOMINAL, ORACLE)
@@ -94,10 +94,10 @@ def _part(tuner: PlantTuner, comparison: Comparison) -> dict[str, Any]:
         "training": tuner.training,
         "episodes": len(bound),
         "rows": rows,
-        "bound": dict(zip(plant.figures, least, strict=True)),
+        "bound": dict(zip(plant.metrics, least, strict=True)),
         "trusted": float(comparison.trusted.mean()),
         "gray box converged": float(comparison.converged.mean()),
-        "coverage": dict(zip(plant.figures, comparison.covered.mean(axis=0).tolist(), strict=True)),
+        "coverage": dict(zip(plant.metrics, comparison.covered.mean(axis=0).tolist(), strict=True)),
     }
 
 

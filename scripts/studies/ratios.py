@@ -60,7 +60,7 @@ class Entry:
     episodes : int
         Of the test.
     rms, bound, ratio : tuple of float
-        Of phase margin [deg] and crossover [Hz]; the ratio is rms over bound.
+        Of phase_margin [deg] and crossover [Hz]; the ratio is rms over bound.
     intervals : tuple of (float, float)
         95 % of each ratio.
     unstable : int

@@ -150,7 +150,7 @@ def page(board: Sequence[Row], protocol: EvaluationProtocol, others: dict[str, s
 
 
 def table(rows: Sequence[Row], bound: Array) -> str:
-    """Rows of one context set, and the bound (2,) on phase margin [deg] and crossover [Hz]."""
+    """Rows of one context set, and the bound (2,) on phase_margin [deg] and crossover [Hz]."""
     lines = [
         "| tuner | learned from | score | mean reward | regret to the oracle "
         "| phase margin rmse [°] | crossover rmse [Hz] | × bound | unstable |",

@@ -16,7 +16,7 @@ from tuners.trust.vehicle_bound import cramer_rao
 from tuners.tuner.tuner import Tuner, nominal_context
 from yawrate_env import validation
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Prior, Task
 
@@ -98,7 +98,7 @@ class Price:
 
     @property
     def degrees(self) -> float:
-        """Rms error of the phase margin [deg] for 1 m/s, the mean of both directions."""
+        """Rms error of the phase_margin [deg] for 1 m/s, the mean of both directions."""
         ones = [c.phase_margin.rms for c in self.cells if c.level in (-1.0, 1.0)]
         return float(np.mean([np.nan if rms is None else rms for rms in ones]))
 
@@ -117,9 +117,9 @@ def schedule(
     task = tuner.task
     draw = CONTEXT_SETS["test"].draw(task.prior, seed, 0, len(speeds))
     draw = replace(draw, context=Context.of(mu_s, M_delta, speeds))
-    judge = Judge.of(task, draw.context)
+    judge = loops(task, draw.context)
     design, _ = tuner.assess(recorded(task, draw))
-    margins, oracle = judge(design.kp, design.Ti).margins, judge.oracle()
+    margins, oracle = judge.evaluate(design.kp, design.Ti).margins, judge.design()
     columns = (design.kp, design.Ti, oracle.kp, oracle.Ti, margins.phase_margin, margins.crossover)
     return Schedule(mu_s, M_delta, list(speeds), *(column.tolist() for column in columns))
 
@@ -137,7 +137,7 @@ def accuracy(
     task, parts = tuner.task, []
     for first in range(0, episodes, _CHUNK):
         draw = CONTEXT_SETS["test"].draw(task.prior, seed, first, min(_CHUNK, episodes - first))
-        answers = answered(tuner, recorded(task, draw), Judge.of(task, draw.context))
+        answers = answered(tuner, recorded(task, draw), loops(task, draw.context))
         parts.append(np.column_stack([draw.context.v_x, answers, cramer_rao(task, draw)]))
         if progress is not None:
             progress("accuracy against speed", first + len(draw), episodes)

@@ -9,7 +9,7 @@ import numpy as np
 
 from studies.metrics import bootstrap_interval, rms, rms_percent
 from tuners.tuner.evaluation import Evaluation
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.task import Task
 
 PAPER = {
@@ -24,7 +24,7 @@ Row = dict[str, Any]
 
 def row(e: Evaluation, task: Task) -> Row:
     """Mean, spread, 95 % intervals, rms% of eq. (14) and the paper's figures for one tuner."""
-    oracle = Judge.of(task, e.context).oracle()
+    oracle = loops(task, e.context).design()
     result: Row = {"tuner": e.tuner, "episodes": len(e.kp), "unstable": int((~e.stable).sum())}
     for name in ("phase_margin", "crossover"):
         values = getattr(e, name)

@@ -21,8 +21,7 @@ from yawrate_env.batch import take
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
 from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import plants
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops, plants
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 
@@ -30,7 +29,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 MISS = (3.0, 0.15)
-"""Gains miss where the true phase margin [deg] or crossover [Hz] is off by more."""
+"""Gains miss where the true phase_margin [deg] or crossover [Hz] is off by more."""
 
 _BATCH = 100
 
@@ -145,7 +144,7 @@ def coverage(
     inside, width, bound, friction, done = [], [], [], [], 0
     for block, found, actual in assessed(tuner, "test", episodes, seed):
         half = tuner.calibration.factors * found.spread
-        inside.append(np.abs(actual - found.figures) <= half)
+        inside.append(np.abs(actual - found.metrics) <= half)
         width.append(2 * half)
         draw = CONTEXT_SETS["test"].draw(tuner.task.prior, seed, done, len(half))
         done += len(block)
@@ -265,7 +264,9 @@ def _judged(
     """Whether gains are good for the true vehicles, and whether the loops are stable."""
     good, stable = [], []
     for part, vehicle in _by_vehicle(vehicles, len(context)):
-        verdict = Judge.of(replace(task, vehicle=vehicle), take(context, part))(kp[part], Ti[part])
+        verdict = loops(replace(task, vehicle=vehicle), take(context, part)).evaluate(
+            kp[part], Ti[part]
+        )
         margins = np.stack([verdict.margins.phase_margin, verdict.margins.crossover], axis=1)
         good.append(_good(task, margins) & verdict.stable)
         stable.append(verdict.stable)

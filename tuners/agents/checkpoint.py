@@ -22,7 +22,7 @@ class Origin:
     Attributes
     ----------
     plant : Plant
-        Whose episodes; vehicles as those of `tuners.yaw_rate`.
+        Whose episodes; vehicles as those of `yawrate_env.vehicle.yaw_rate`.
     settings : dict
         Algorithm, first stage and what else is seen, as plain JSON values.
     """

@@ -65,7 +65,9 @@ class FeatureMap:
         seen = recorded(plant, "train", 0, _EPISODES)
         u, y = (averaged(x, decimate) for x in (seen.u, seen.y))
         raw = cls(first_stage, np.zeros(1), np.ones(1)).raw
-        values, usable = raw(u, y, plant.Ts * decimate, (beside or plant.shown)(seen.theta))
+        values, usable = raw(
+            u, y, plant.Ts * decimate, (beside or plant.measured_features)(seen.theta)
+        )
         if not usable.any():
             raise ValueError(
                 f"{type(first_stage).__name__} finds no usable features in these episodes. "
@@ -120,7 +122,7 @@ class ActionMap:
     @classmethod
     def of(cls, plant: Plant) -> Self:
         """All that is within an agent's reach."""
-        return cls(*reach(plant), plant.coordinates)
+        return cls(*reach(plant), plant.parametrisation)
 
     def gains(self, actions: NDArray[np.floating]) -> Array:
         """(B, m) in [-1, 1], clipped, to (B, k) gains."""

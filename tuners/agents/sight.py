@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from tuners.features import FirstStage, compressor
 from tuners.tuner.recording import Recording
 from tuners.tuner.training import compressor_named
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.env.interaction import VISIBLE
 from yawrate_env.env.plant_env import PlantEnv, PlantVectorEnv, recordings
 from yawrate_env.env.vector_env import PITuningVectorEnv
 from yawrate_env.env.yaw_rate_env import PITuningEnv
 from yawrate_env.plant.plant import Plant
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 Seen = tuple[Array, Array, float, Array]
@@ -54,7 +54,7 @@ class VehicleSight:
 
     def beside(self, theta: Array) -> Array:
         """What is visible of the context."""
-        return theta[:, self.plant.places(self.visible)]
+        return theta[:, self.plant.indices(self.visible)]
 
     def compressor(self, name: str, **settings: Any) -> FirstStage:
         """A first stage by name."""
@@ -74,7 +74,7 @@ class PlantSight:
 
     def beside(self, theta: Array) -> Array:
         """What is measured."""
-        return self.plant.shown(theta)
+        return self.plant.measured_features(theta)
 
     def compressor(self, name: str, **settings: Any) -> FirstStage:
         """A first stage by name, set to suit the plant."""

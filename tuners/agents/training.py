@@ -30,12 +30,12 @@ from tuners.trust.black_box import functions_for
 from tuners.tuner.plant_tuner import PlantTuner
 from tuners.tuner.stages import Stages
 from tuners.tuner.training import CALIBRATION, calibrate, check_calibration, described
-from tuners.yaw_rate import yaw_rate
 from yawrate_env import FEATURES_ID, PLANT_FEATURES_ID
 from yawrate_env.env.interaction import VISIBLE
 from yawrate_env.env.nonlinear_env import PITuningNonlinearEnv
 from yawrate_env.files import check_folder, replacing
 from yawrate_env.plant.plant import Plant
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Made = TypeVar("Made")
 Maker = Callable[[Actor, dict[str, Any]], Made]

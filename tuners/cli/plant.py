@@ -35,7 +35,7 @@ def accuracy(tuner: "PlantTuner", seed: int) -> str:
     bound = np.sqrt(np.nanmean(found.bound**2, axis=0))
     words = [
         f"{name} {rms:.2g} rms (bound {least:.2g})"
-        for name, rms, least in zip(tuner.plant.figures, found.rms(TUNER), bound, strict=True)
+        for name, rms, least in zip(tuner.plant.metrics, found.rms(TUNER), bound, strict=True)
     ]
     lost, trusted = found.unstable(TUNER), found.trusted.mean()
     said = f"{', '.join(words)}; {lost} of {VALIDATION} without stable loop; {trusted:.0%} trusted"
@@ -100,7 +100,7 @@ def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
             "trusted": result.trusted,
             "reasons": result.reasons,
             "notes": (*log.notes, *result.notes),
-            "figures": {name: asdict(interval) for name, interval in result.figures.items()},
+            "figures": {name: asdict(interval) for name, interval in result.metrics.items()},
             "fallback": result.fallback,
             "parameters": result.parameters,
             "checks": [asdict(check) | {"passed": check.passed} for check in result.checks],
@@ -109,7 +109,7 @@ def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
                 "entry": plant.entry,
                 "signals": plant.signals,
                 "Ts": plant.Ts,
-                "target": plant.coordinates.target and asdict(plant.coordinates.target),
+                "target": plant.parametrisation.target and asdict(plant.parametrisation.target),
             },
             "log": {
                 "file": log.source,
@@ -132,7 +132,7 @@ def as_json(result: PlantResult, log: PlantLog, tuner: str) -> dict[str, Any]:
 def as_text(result: PlantResult, log: PlantLog) -> str:
     """A few aligned lines."""
     rows = [(name, f"{value:.4g}") for name, value in result.gains.items()]
-    rows += [(name, between(interval, "")) for name, interval in result.figures.items()]
+    rows += [(name, between(interval, "")) for name, interval in result.metrics.items()]
     width = max(len(name) for name, _ in rows) + 2
     lines = [described(log), "", *(f"  {name:<{width}}{value}" for name, value in rows), ""]
     if result.trusted:

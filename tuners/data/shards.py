@@ -136,7 +136,7 @@ def _rows(recordings: Iterable[bool]) -> int:
 def _of_examples(rows: Examples, recipe: Configuration) -> Columns:
     plant, stage = recipe.plant(), described(recipe.compressor)["name"]
     further, gains = recipe.subject.designed(rows)
-    targets = plant.coordinates.encode(gains)
+    targets = plant.parametrisation.encode(gains)
     return {
         "episode": rows.number,
         **dict(zip(plant.prior, rows.theta.T, strict=True)),

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.features import COMPRESSORS
-from tuners.yaw_rate import context_of, yaw_rate
 from yawrate_env.loop.design import Status
 from yawrate_env.plant import entry, fingerprint
 from yawrate_env.plant.episodes import Examples
 from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.contexts import ContextSet
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
 
 Columns = dict[str, NDArray[Any]]
 
@@ -67,7 +67,7 @@ class Vehicles:
         gains, status = rows.gains.copy(), np.zeros(len(rows), np.int8)
         missed = np.isnan(gains).any(axis=1)
         if missed.any():
-            found = Judge.of(self.task, context_of(rows.theta[missed])).oracle()
+            found = loops(self.task, context_of(rows.theta[missed])).design()
             gains[missed] = np.stack([found.kp, found.Ti], axis=1)
             status[missed] = found.status
         return {"status": status}, gains
@@ -141,7 +141,7 @@ def subject_of(what: Task | Plant) -> Subject:
 
 def target_names(plant: Plant) -> tuple[str, ...]:
     """What the learner's targets are called."""
-    if plant.coordinates.names is not None:
-        return plant.coordinates.names(plant.gains)
-    width = plant.coordinates.encode(plant.oracle(plant.middle)).shape[1]
+    if plant.parametrisation.names is not None:
+        return plant.parametrisation.names(plant.gains)
+    width = plant.parametrisation.encode(plant.oracle(plant.middle)).shape[1]
     return tuple(f"coordinate_{i}" for i in range(1, width + 1))

@@ -15,11 +15,11 @@ from tuners.tuner.plant_tuner import PlantTuner
 from tuners.tuner.stages import LEAST_USABLE, Recipe, Stages, checked, trains
 from tuners.tuner.training import CALIBRATION, check_calibration, described, finished, recipe_for
 from tuners.tuner.two_stage import TwoStage
-from tuners.yaw_rate import yaw_rate
 from yawrate_env import validation
 from yawrate_env.plant.parametrisation import Coordinates
 from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -66,7 +66,7 @@ def train(
         raise DatasetError(f"{dataset} holds no vehicles. Use tuners.data.train_plant.")
     if task is not None:
         _check_same(folder, task)
-    coordinates = yaw_rate(found, recipe.coordinates).coordinates
+    coordinates = yaw_rate(found, recipe.coordinates).parametrisation
     stages, training = fit(folder, name or known, recipe, coordinates, seed, progress)
     return TwoStage(found, stages, recipe.coordinates, training)
 
@@ -120,7 +120,7 @@ def train_plant(
     if not isinstance(found, Plant):
         raise DatasetError(f"{dataset} holds vehicles. Use tuners.data.train.")
     recipe = recipe or replace(recipe_for(found), compressor=folder.recipe.compressor)
-    stages, training = fit(folder, "two-stage", recipe, found.coordinates, seed, progress)
+    stages, training = fit(folder, "two-stage", recipe, found.parametrisation, seed, progress)
     return finished(found, stages, training, calibration, seed, progress)
 
 

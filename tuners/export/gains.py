@@ -67,7 +67,7 @@ class Gains:
         if isinstance(source, cls):
             return source
         if isinstance(source, PlantResult):
-            plant, target = source.plant, source.plant.coordinates.target
+            plant, target = source.plant, source.plant.parametrisation.target
             Ts = plant.Ts if target is None else target.Ts
             return cls(source.gains, Ts, plant.signals, None, target, source.trusted)
         trusted = getattr(source, "trusted", None)

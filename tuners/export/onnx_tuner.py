@@ -68,8 +68,8 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
         output = plain_name(plant.signals[1])
         inputs[output] = ["episodes", len(plant.u)]
         X = _first_stage(graph, output, parts)
-    inputs |= {name: ["episodes"] for name in plant.shown_names}
-    X = graph.joined(X, *(_shown(graph, plant, name) for name in plant.shown_names))
+    inputs |= {name: ["episodes"] for name in plant.measured_names}
+    X = graph.joined(X, *(_shown(graph, plant, name) for name in plant.measured_names))
     _decode(graph, _learner(graph, parts.learner, X), X, plant)
     from onnx import TensorProto
 
@@ -105,7 +105,7 @@ def _first_stage(graph: Graph, output: str, parts: Parts) -> str:
 
 def _texts(parts: Parts) -> dict[str, str]:
     """Metadata."""
-    texts, target = {"Ts": repr(parts.plant.Ts)}, parts.plant.coordinates.target
+    texts, target = {"Ts": repr(parts.plant.Ts)}, parts.plant.parametrisation.target
     if target is not None:
         texts["Ts_control"] = repr(target.Ts)
         texts["phase_margin"] = repr(target.phase_margin)
@@ -222,7 +222,7 @@ def _trees(graph: Graph, gbm: GBM, X: str) -> str:
 
 def _decode(graph: Graph, values: str, X: str, plant: Plant) -> None:
     """Gains and status from predicted targets and their features, as `Coordinates.decode` does."""
-    into, zero, target = graph.constant, graph.constant(0.0), plant.coordinates.target
+    into, zero, target = graph.constant, graph.constant(0.0), plant.parametrisation.target
     columns = [
         graph.apply("Gather", values, into(i, np.int64), axis=1) for i in range(len(plant.gains))
     ]
@@ -236,7 +236,7 @@ def _decode(graph: Graph, values: str, X: str, plant: Plant) -> None:
         found = graph.apply("And", found, graph.apply("Greater", columns[1], into(-np.pi / 2)))
         phase = graph.apply("Where", leads, into(-LEAST_LAG), columns[1])
         columns = _controller(graph, columns[0], phase, target)
-    elif plant.coordinates.decode is LOG.decode:
+    elif plant.parametrisation.decode is LOG.decode:
         columns = [graph.apply("Exp", column) for column in columns]
     for gain in columns:
         for bound in (graph.apply("Greater", gain, zero), graph.apply("Less", gain, into(np.inf))):

@@ -1,6 +1,6 @@
 """What of a tuner is exported: its plant and both trained stages.
 
-A vehicle's tuner is taken as that of its `tuners.yaw_rate` plant.  What leaves Python answers as
+A vehicle's tuner is taken as that of its `yawrate_env.vehicle.yaw_rate` plant.  What leaves Python answers as
 `PlantTuner.gains` does, for recordings from rest and without offsets.
 """
 
@@ -21,10 +21,10 @@ from tuners.tuner.coordinates import decode
 from tuners.tuner.plant_tuner import PlantTuner
 from tuners.tuner.tuner import Tuner
 from tuners.tuner.two_stage import TwoStage
-from tuners.yaw_rate import yaw_rate
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.parametrisation import LOG, PLAIN
 from yawrate_env.plant.plant import Plant
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class Parts:
     @property
     def width(self) -> int:
         """How many the learner takes: further ones come from what is measured."""
-        return self.features + len(self.plant.shown_names)
+        return self.features + len(self.plant.measured_names)
 
     @property
     def laguerre(self) -> Laguerre:
@@ -106,9 +106,9 @@ class Parts:
         theta : (B, p) float64
             Parameters of which those that are measured are looked at.
         """
-        X = np.concatenate([features, self.plant.shown(theta)], axis=1)
+        X = np.concatenate([features, self.plant.measured_features(theta)], axis=1)
         finite = np.isfinite(X)
-        values, coordinates = self.learner(np.where(finite, X, 0.0)), self.plant.coordinates
+        values, coordinates = self.learner(np.where(finite, X, 0.0)), self.plant.parametrisation
         gains = np.where(finite.all(axis=1, keepdims=True), coordinates.decode(values), np.nan)
         status = np.zeros(len(values), np.int64)
         if coordinates.target is not None:
@@ -116,7 +116,7 @@ class Parts:
         return gains, np.where(np.isfinite(gains).all(axis=1), status, int(Status.UNREACHABLE))
 
     def _check(self) -> None:
-        coordinates, beside = self.plant.coordinates, self.plant.shown_names
+        coordinates, beside = self.plant.parametrisation, self.plant.measured_names
         if coordinates.target is None and coordinates.decode not in (LOG.decode, PLAIN.decode):
             raise ValueError(
                 "the plant's coordinates are its own, and their decode is Python that no other "

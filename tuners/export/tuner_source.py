@@ -239,7 +239,7 @@ def _words(parts: Parts, name: str, first: str) -> dict[str, str]:
     """What header and source say."""
     plant, stage = parts.plant, parts.compressor
     learner = check_learner(parts.learner)
-    guard, shown = name.upper(), plant.shown_names
+    guard, shown = name.upper(), plant.measured_names
     names = ", ".join(map(literals.comment, plant.gains))
     input_, output = map(literals.comment, plant.signals)
     beside = ", ".join(map(literals.comment, shown))
@@ -251,7 +251,7 @@ def _words(parts: Parts, name: str, first: str) -> dict[str, str]:
         "least": str(least_samples(stage)),
         "bytes": str(state_size(stage)), "stack": str(stack_size(stage) + 8 * own),
         "constants": str(constant_size(stage) + learner_size(learner)),
-        "learner": learner_source(learner), "decode": decode_source(plant.coordinates),
+        "learner": learner_source(learner), "decode": decode_source(plant.parametrisation),
         "define": f"#define {guard}_MEASURED {len(shown)}\n" if shown else "",
         "beside": f"const double measured[{guard}_MEASURED], " if shown else "",
         "beside_text": f", with what is measured beside: {beside}" if shown else "",
@@ -263,7 +263,7 @@ def _words(parts: Parts, name: str, first: str) -> dict[str, str]:
 
 def _shown(parts: Parts, i: int) -> str:
     """The line that makes a measured parameter a feature."""
-    name = parts.plant.shown_names[i]
+    name = parts.plant.measured_names[i]
     value = f"log(measured[{i}])" if parts.plant.prior[name][0] > 0 else f"measured[{i}]"
     return f"    x[{parts.features + i}] = {value}; /* {literals.comment(name)} */\n"
 
@@ -284,7 +284,7 @@ def _golden(parts: Parts, first: str) -> dict[str, str]:
         "rows": str(_PLANTS), "tolerance": f"{_TOLERANCE:g}", "features": literals.table(features),
         "wanted": literals.table(gains), "status": ", ".join(map(str, status)),
         "record": test.source(first),
-        **_golden_measured(theta[:, plant.places(plant.shown_names)]),
+        **_golden_measured(theta[:, plant.indices(plant.measured_names)]),
     }  # fmt: skip
 
 

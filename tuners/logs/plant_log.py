@@ -224,7 +224,7 @@ def _check_moving(u: Array, y: Array, plant: Plant) -> None:
 
 
 def _check_complete(plant: Plant, measured: dict[str, float]) -> None:
-    for name in plant.shown_names:
+    for name in plant.measured_names:
         if name not in measured:
             (low, high), (words, unit) = plant.prior[name], split(name)
             made = f"{low:g} to {high:g} {unit}".rstrip()

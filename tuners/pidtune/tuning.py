@@ -83,7 +83,7 @@ def pidtune(
     wc : float, optional
         Wanted gain crossover [rad/s]; chosen by our own rule if not given.
     pm : float
-        Wanted phase margin [deg].
+        Wanted phase_margin [deg].
     delay : float
         Pure delay beside `sys` [s], exact; a multiple of the sampling time if there is one,
         and 200 of them at most.  Stability is decided for up to 10 000 turns of the delay at

@@ -8,7 +8,7 @@ from tuners.tuner.plant_result import PlantFit, PlantResult
 from tuners.tuner.plant_tuner import PlantTuner, load
 from tuners.tuner.training import train
 from yawrate_env.plant.entry import find
-from yawrate_env.plant.metric import Figure
+from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.parametrisation import LOG, Coordinates, loop
 from yawrate_env.plant.plant import Plant, snr
 from yawrate_env.plant.responses import ClosedLoop, OpenLoop, Response
@@ -17,7 +17,7 @@ __all__ = [
     "LOG",
     "ClosedLoop",
     "Coordinates",
-    "Figure",
+    "Metric",
     "OpenLoop",
     "Plant",
     "PlantFit",

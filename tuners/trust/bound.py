@@ -32,6 +32,6 @@ def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> 
 def cramer_rao(plant: Plant, theta: Array, u: Array | None = None) -> Array:
     """Least standard deviations of the figures (B, f) for plants (B, p); `u` as above."""
     tiled = np.tile(theta, (2 * len(plant.unknown), 1))
-    J = central(plant, theta, lambda t: plant.judged(tiled, plant.oracle(t)), _STEP)
+    J = central(plant, theta, lambda t: plant.metric_values(tiled, plant.oracle(t)), _STEP)
     variance = np.einsum("bij,bjk,bik->bi", J, parameter_covariance(plant, theta, u), J)
     return np.asarray(np.sqrt(variance))

@@ -110,7 +110,7 @@ class Assessment:
         Fitted without knowledge of the plant.
     fit : Fit
         The plant found.
-    figures, spread : NDArray
+    metrics, spread : NDArray
         (B, f) what the gains give with that plant, and their standard deviations.
     findings : dict
         By name of the check.
@@ -118,7 +118,7 @@ class Assessment:
 
     model: BlackBox
     fit: Fit
-    figures: Array
+    metrics: Array
     spread: Array
     findings: dict[str, Finding]
 
@@ -173,9 +173,9 @@ def assess(
     with np.errstate(all="ignore"):
         found = fit(plant, model, measured, start)
         sides = np.tile(gains, (2 * max(len(plant.unknown), 1), 1))
-        figures = plant.judged(found.theta, gains)
-        error = np.abs(figures - plant.wanted(found.theta))
-        J = central(plant, found.theta, lambda t: plant.judged(t, sides[: len(t)]), _STEP)
+        figures = plant.metric_values(found.theta, gains)
+        error = np.abs(figures - plant.targets(found.theta))
+        J = central(plant, found.theta, lambda t: plant.metric_values(t, sides[: len(t)]), _STEP)
         spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, found.covariance, J))
         solved = solved & found.converged & np.isfinite(gains).all(axis=1)
         findings = {
@@ -190,8 +190,8 @@ def assess(
 
 def _of_figures(plant: Plant, what: str, values: Array, message: str) -> dict[str, Finding]:
     """A finding for each figure, named by it without its unit."""
-    names = (check_name(name, what) for name in plant.figures)
-    parts = zip(names, values.T, plant.figure(what), strict=True)
+    names = (check_name(name, what) for name in plant.metrics)
+    parts = zip(names, values.T, plant.metric_setting(what), strict=True)
     return {name: Finding(v, float(limit), message) for name, v, limit in parts}
 
 

@@ -90,10 +90,10 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
 
 def _anywhere(plant: Plant, u: Array, y: Array, start: Array) -> Found:
     """The best that the plant's own search finds, or that by differences, beyond the prior too."""
-    if plant.gray_box is None:
+    if plant.search is None:
         inside = identify_from_several(plant, u, y, start)
         return identify(plant, u, y, inside.theta, beyond=True)
-    found, converged = plant.gray_box(u, y, start)
+    found, converged = plant.search(u, y, start)
     theta, free, (low, high) = start.copy(), plant.unknown, plant.limits
     theta[:, free] = np.clip(found[:, free], low[free], high[free])
     return Found(theta, np.full(len(y), np.nan), converged)

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from tuners.trust.vehicle_identification import output_gram
 from tuners.tuner.recording import Recording
 from yawrate_env.loop.simulation import simulate
-from yawrate_env.vehicle.episode import Draw, excitation, plants
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import Draw, excitation, loops, plants
 from yawrate_env.vehicle.single_track import Context, total_mass
 from yawrate_env.vehicle.task import Task
 
@@ -38,7 +37,7 @@ _ESTIMATES = 9  # quadrature nodes in each direction of the estimate's own scatt
 
 
 def cramer_rao(task: Task, draw: Draw) -> Array:
-    """Least standard deviations of phase margin [deg] and crossover [Hz], (B, 2).
+    """Least standard deviations of phase_margin [deg] and crossover [Hz], (B, 2).
 
     Friction and mass are unknown; speed and everything else is known.
     """
@@ -46,7 +45,7 @@ def cramer_rao(task: Task, draw: Draw) -> Array:
 
 
 def posterior_spread(task: Task, draw: Draw) -> Array:
-    """Root of the Bayes risk of phase margin [deg] and crossover [Hz], (B, 2).
+    """Root of the Bayes risk of phase_margin [deg] and crossover [Hz], (B, 2).
 
     Of the best estimator that knows the prior, at each vehicle and over the noise.  Its root
     mean square over the prior is the least that any estimator reaches; at a single vehicle
@@ -151,8 +150,8 @@ def _moments(low: Array, high: Array) -> tuple[Array, Array, Array]:
 
 
 def margin_sensitivity(task: Task, context: Context) -> Array:
-    """Derivative of (phase margin [deg], crossover [Hz]) to the logarithms, (B, 2, 2)."""
-    truth = Judge.of(task, context)
+    """Derivative of (phase_margin [deg], crossover [Hz]) to the logarithms, (B, 2, 2)."""
+    truth = loops(task, context)
     mass = total_mass(task.vehicle, context)
     columns = []
     for by_mu_s, by_mass in ((_STEP, 0.0), (0.0, _STEP)):
@@ -163,7 +162,7 @@ def margin_sensitivity(task: Task, context: Context) -> Array:
                 mass * np.exp(sign * by_mass) - task.vehicle.M_0,
                 context.v_x,
             )
-            gains = Judge.of(task, estimate).oracle()
+            gains = loops(task, estimate).design()
             found = truth(gains.kp, gains.Ti).margins
             sides.append(np.stack([found.phase_margin, found.crossover], axis=1))
         columns.append((sides[0] - sides[1]) / (2 * _STEP))

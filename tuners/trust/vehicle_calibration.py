@@ -10,10 +10,10 @@ from tuners.trust.vehicle_trust import Calibration
 from tuners.tuner import training
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner
-from tuners.yaw_rate import context_of, yaw_rate
 from yawrate_env import validation
 from yawrate_env.plant.episodes import Episodes
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]

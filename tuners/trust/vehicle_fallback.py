@@ -6,7 +6,7 @@ import numpy as np
 
 from yawrate_env.batch import take
 from yawrate_env.loop.margins import margins, open_loop
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Prior, Task
 
@@ -32,18 +32,18 @@ def fallback(task: Task) -> tuple[float, float]:
     the fastest; the safest of all where none does.
     """
     vehicles = prior_grid(task.prior, 6, 3, 5)
-    design = Judge.of(task, prior_grid(task.prior, 4, 2, 3)).oracle()
+    design = loops(task, prior_grid(task.prior, 4, 2, 3)).design()
     right = np.isfinite(design.kp)
     kp = (design.kp[right, None] * _LOWER).ravel()
     Ti = np.repeat(design.Ti[right], len(_LOWER))
     count, each = len(vehicles), len(kp)
-    judge = Judge.of(task, vehicles)
+    judge = loops(task, vehicles)
     every = take(judge.transfer_function, np.repeat(np.arange(count), each))
     found = margins(open_loop(every, np.tile(kp, count), np.tile(Ti, count), task.target))
     distance = found.modulus_margin.reshape(count, each).min(axis=0)
     slowest = np.nan_to_num(found.crossover.reshape(count, each)).min(axis=0)
     score = np.where(distance >= LEAST_DISTANCE, 1.0 + slowest, distance - 1.0)
     for best in np.argsort(-score):  # an unstable loop may keep its distance too
-        if judge(np.full(count, kp[best]), np.full(count, Ti[best])).stable.all():
+        if judge.evaluate(np.full(count, kp[best]), np.full(count, Ti[best])).stable.all():
             return float(kp[best]), float(Ti[best])
     return np.nan, np.nan

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from tuners.trust.checks import GAUSSIAN, Assessment, Finding
 from tuners.tuner.result import Interval, TuningResult, TwinFit
-from tuners.yaw_rate import SPEED_SLACK, context_of
 from yawrate_env import validation
 from yawrate_env.loop.design import Design, Status
 from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
+from yawrate_env.vehicle.yaw_rate import SPEED_SLACK, context_of
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ def result(
     half = calibration.factors * found.spread[0]
     phase_margin, crossover = (
         Interval(float(value), float(value - h), float(value + h))
-        for value, h in zip(found.figures[0], half, strict=True)
+        for value, h in zip(found.metrics[0], half, strict=True)
     )
     return TuningResult(
         kp=float(design.kp[0]),

@@ -9,7 +9,7 @@ from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner, nominal_context
 from yawrate_env.batch import take
 from yawrate_env.loop.design import Design
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 
 
 class Oracle(Tuner):
@@ -25,7 +25,7 @@ class Oracle(Tuner):
                 "The oracle must see the vehicle's true parameters. "
                 'Use gymnasium.make("yawrate/PITuning-v0", visible="context").'
             )
-        design = Judge.of(self.task, recording.context).oracle()
+        design = loops(self.task, recording.context).design()
         return design, np.ones(len(recording), dtype=np.bool_)
 
 
@@ -37,6 +37,6 @@ class Nominal(Tuner):
 
     def gains(self, recording: Recording) -> tuple[Design, NDArray[np.bool_]]:
         """Same gains for all."""
-        one = Judge.of(self.task, nominal_context(self.task.prior)).oracle()
+        one = loops(self.task, nominal_context(self.task.prior)).design()
         everyone = np.zeros(len(recording), dtype=np.intp)
         return take(one, everyone), np.ones(len(recording), dtype=np.bool_)

@@ -16,8 +16,7 @@ from yawrate_env import validation
 from yawrate_env.batch import concatenate
 from yawrate_env.files import write_text
 from yawrate_env.vehicle.contexts import ContextSet
-from yawrate_env.vehicle.episode import record
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops, record
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 
@@ -108,7 +107,7 @@ def evaluate(
         draw = contexts.draw(task.prior, seed, first, count)
         u, y = record(task, draw)
         recording = Recording(u, np.asarray(y), task.experiment.Ts, draw.context.v_x, draw.context)
-        judge = Judge.of(task, draw.context)
+        judge = loops(task, draw.context)
         for name, tuner in tuners.items():
             parts[name].append(_part(name, tuner, recording, judge, batch, warm=first > 0))
             done += count
@@ -128,7 +127,7 @@ def write_csv(path: str | os.PathLike[str], evaluations: Sequence[Evaluation]) -
 
 
 def _part(
-    name: str, tuner: Policy, recording: Recording, judge: Judge, batch: int, *, warm: bool
+    name: str, tuner: Policy, recording: Recording, judge: Loops, batch: int, *, warm: bool
 ) -> Evaluation:
     count = len(recording)
     if not warm:
@@ -140,7 +139,7 @@ def _part(
         actions = tuner.act(recording.part(part))
         seconds[part] = (time.perf_counter() - start) / len(actions)
         kp[part], Ti[part] = actions.T
-    verdict = judge(kp, Ti)
+    verdict = judge.evaluate(kp, Ti)
     assert recording.context is not None
     return Evaluation(
         name,

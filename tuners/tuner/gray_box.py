@@ -9,7 +9,7 @@ from tuners.trust.vehicle_identification import identify
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner, nominal_context
 from yawrate_env.loop.design import Design
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.plausible import LARGEST_SPEED
 
 
@@ -29,4 +29,4 @@ class GrayBox(Tuner):
         found = identify(
             self.task.vehicle, recording, nominal_context(self.task.prior), self.speeds(recording)
         )
-        return Judge.of(self.task, found.context).oracle(), found.converged
+        return loops(self.task, found.context).design(), found.converged

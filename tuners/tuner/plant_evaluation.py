@@ -87,15 +87,18 @@ def _judged(tuner: PlantTuner, block: Episodes) -> _Block:
     gray_box = identify(plant, block.u, block.y, start)
     several = identify_from_several(plant, block.u, block.y, start)
     nominal = np.tile(plant.middle, (len(theta), 1))
-    actual, right = plant.judged(theta, gains), plant.judged(theta, plant.oracle(theta))
+    actual, right = (
+        plant.metric_values(theta, gains),
+        plant.metric_values(theta, plant.oracle(theta)),
+    )
     with np.errstate(invalid="ignore"):
         return _Block(
             actual - right,
-            plant.judged(theta, plant.oracle(gray_box.theta)) - right,
-            plant.judged(theta, plant.oracle(several.theta)) - right,
-            plant.judged(theta, plant.oracle(nominal)) - right,
+            plant.metric_values(theta, plant.oracle(gray_box.theta)) - right,
+            plant.metric_values(theta, plant.oracle(several.theta)) - right,
+            plant.metric_values(theta, plant.oracle(nominal)) - right,
             cramer_rao(plant, theta, block.u),
             found.trusted,
             gray_box.converged,
-            np.abs(actual - found.figures) <= np.array(tuner.calibration) * found.spread,
+            np.abs(actual - found.metrics) <= np.array(tuner.calibration) * found.spread,
         )

@@ -80,7 +80,7 @@ class PlantResult:
     ----------
     gains : dict
         By name; ``nan`` where the tuner finds none.
-    figures : dict
+    metrics : dict
         What the recording says that these gains give, with 90 % intervals.
     trusted : bool
         Whether every check passed.
@@ -97,7 +97,7 @@ class PlantResult:
     """
 
     gains: dict[str, float]
-    figures: dict[str, Interval]
+    metrics: dict[str, Interval]
     trusted: bool
     reasons: tuple[str, ...]
     notes: tuple[str, ...]

@@ -84,7 +84,7 @@ class PlantTuner:
     ) -> None:
         self.plant, self.stages = plant, stages
         self.black_box, self.training = black_box, training
-        self.calibration = calibration or (GAUSSIAN,) * len(plant.figures)
+        self.calibration = calibration or (GAUSSIAN,) * len(plant.metrics)
 
     def __repr__(self) -> str:
         what = self.plant.entry or ", ".join(self.plant.prior)
@@ -99,8 +99,8 @@ class PlantTuner:
             Parameters of which those that are measured are looked at.
         """
         u, beside = np.atleast_2d(u), self._middle(len(y)) if theta is None else theta
-        values, usable = self.stages(u, y, self.plant.Ts, self.plant.shown(beside))
-        return np.where(usable[:, None], self.plant.coordinates.decode(values), np.nan)
+        values, usable = self.stages(u, y, self.plant.Ts, self.plant.measured_features(beside))
+        return np.where(usable[:, None], self.plant.parametrisation.decode(values), np.nan)
 
     def tune(
         self,
@@ -230,7 +230,7 @@ class PlantTuner:
             if not self.plant.measured:
                 raise ValueError(f"measured {name!r}: nothing is measured beside this plant.")
             validation.one_of("measured parameter", name, tuple(self.plant.measured))
-            theta[0, self.plant.places((name,))] = self.plant.possible(name, value)
+            theta[0, self.plant.indices((name,))] = self.plant.check_value(name, value)
         for name in self.plant.measured:
             low, high = self.plant.prior[name]
             if name not in measured and low < high:
@@ -278,7 +278,7 @@ class PlantTuner:
 
     def _intervals(self, found: Assessment) -> dict[str, Interval]:
         half = np.array(self.calibration) * found.spread[0]
-        ends = zip(self.plant.figures, found.figures[0], half, strict=True)
+        ends = zip(self.plant.metrics, found.metrics[0], half, strict=True)
         return {
             name: Interval(float(value), float(value - h), float(value + h))
             for name, value, h in ends
@@ -325,7 +325,7 @@ def _rebuilt(
             "changed. Train again, or restore the description."
         )
     factors = validation.finite_array(
-        "calibration", settings["calibration"], shape=(len(found.figures),)
+        "calibration", settings["calibration"], shape=(len(found.metrics),)
     )
     if (factors < 0).any():
         raise ValueError(f"calibration has {factors.min():g}, which is no width.")

@@ -109,7 +109,7 @@ def fit(
         recipe,
         data.number,
         data.features,
-        data.targets(plant.coordinates),
+        data.targets(plant.parametrisation),
         data.usable,
         seed,
         report(f"training {name}"),
@@ -226,7 +226,7 @@ def assessed(
     """
     for block in episodes(plant, name, seed, 0, count):
         gains, found = answer(block)
-        yield block, found, plant.judged(block.theta, gains)
+        yield block, found, plant.metric_values(block.theta, gains)
 
 
 def calibrated(
@@ -242,7 +242,7 @@ def calibrated(
     parts, done = [], 0
     for block, found, actual in rows:
         asked = np.isfinite(plant.oracle(block.theta)).all(axis=1)
-        parts.append(np.stack([found.figures, found.spread, actual])[:, asked])
+        parts.append(np.stack([found.metrics, found.spread, actual])[:, asked])
         done += len(block)
         if progress is not None:
             progress(done)

@@ -16,16 +16,16 @@ from tuners.trust.vehicle_trust import Calibration, of_vehicles, result
 from tuners.tuner import tuner_file as model_file
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import TuningResult
-from tuners.yaw_rate import SPEED_SLACK, yaw_rate
 from yawrate_env import validation
 from yawrate_env.loop.design import Design, Status
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.excitation import RANDOM_ORDER
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.nonlinear import twin_from
 from yawrate_env.vehicle.plausible import STEADY, STILL
 from yawrate_env.vehicle.single_track import Context, Vehicle
 from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.vehicle.yaw_rate import SPEED_SLACK, yaw_rate
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class Tuner(ABC):
 
     def __init__(self, task: Task) -> None:
         self.task, self.calibration = task, Calibration()
-        nominal = Judge.of(task, nominal_context(task.prior)).oracle()
+        nominal = loops(task, nominal_context(task.prior)).design()
         self._fallback = float(nominal.kp[0]), float(nominal.Ti[0])
 
     def __repr__(self) -> str:

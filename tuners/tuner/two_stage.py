@@ -10,10 +10,10 @@ from tuners.tuner import coordinates
 from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Stages
 from tuners.tuner.tuner import Tuner, task_from
-from tuners.yaw_rate import theta_of
 from yawrate_env.loop.design import Design
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import theta_of
 
 
 class TwoStage(Tuner):
@@ -48,8 +48,8 @@ class TwoStage(Tuner):
         """Compress, predict, convert."""
         speeds = self.speeds(recording)
         beside = np.empty((len(speeds), 0))
-        if self.plant.shown_names:
-            beside = self.plant.shown(theta_of(Context(speeds, speeds, speeds)))
+        if self.plant.measured_names:
+            beside = self.plant.measured_features(theta_of(Context(speeds, speeds, speeds)))
         values, usable = self.stages(recording.u, recording.y, recording.Ts, beside)
         return coordinates.decode(values, self.task.target, self.coordinates), usable
 

@@ -11,10 +11,10 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from yawrate_env import validation
+from yawrate_env.loop.loops import Evaluation
 from yawrate_env.loop.target import Target
 from yawrate_env.signals.decimation import averaged
-from yawrate_env.vehicle.episode import Draw, record
-from yawrate_env.vehicle.judge import Judge, Verdict
+from yawrate_env.vehicle.episode import Draw, loops, record
 from yawrate_env.vehicle.single_track import LARGEST, Context, Vehicle
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 
@@ -167,13 +167,13 @@ def checked_actions(actions: Any, count: int) -> NDArray[np.float64]:
     return validation.finite_array("action", actions, shape=(count, 2))
 
 
-def outcome(task: Task, context: Context, actions: NDArray[np.float64]) -> tuple[Verdict, Info]:
-    """Judge actions (B, 2); the info holds arrays (B,), the truth included."""
+def outcome(task: Task, context: Context, actions: NDArray[np.float64]) -> tuple[Evaluation, Info]:
+    """Loops actions (B, 2); the info holds arrays (B,), the truth included."""
     space_low, space_high = np.array([KP_RANGE, TI_RANGE]).T
     gains = np.clip(actions, space_low, space_high)
     kp, Ti = gains.T
-    judge = Judge.of(task, context)
-    verdict, oracle = judge(kp, Ti), judge.oracle()
+    judge = loops(task, context)
+    verdict, oracle = judge.evaluate(kp, Ti), judge.design()
     return verdict, {
         "kp": kp,
         "Ti": Ti,

@@ -99,7 +99,7 @@ class OneStepVectorEnv(VectorEnv[Observation, NDArray[np.float64], Array], Gener
     def step(
         self, actions: NDArray[np.float64]
     ) -> tuple[Observation, Array, Array, Array, dict[str, Any]]:
-        """Judge every sub-environment's gains and start its next episode."""
+        """Loops every sub-environment's gains and start its next episode."""
         if self._drawn is None or self._obs is None:
             raise ResetNeeded("Call reset() before the first step().")
         reward, info = self.judge(self._drawn, actions)

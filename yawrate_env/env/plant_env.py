@@ -16,7 +16,7 @@ from yawrate_env.env import interaction
 from yawrate_env.env.one_step import Observation, OneStepVectorEnv
 from yawrate_env.plant.action_bounds import corners, reach
 from yawrate_env.plant.entry import find
-from yawrate_env.plant.episodes import Draw, designed, words_of
+from yawrate_env.plant.episodes import Draw, designed, integers_of
 from yawrate_env.plant.names import ORACLE
 from yawrate_env.plant.plant import Plant
 
@@ -59,14 +59,14 @@ class PlantEnv(gymnasium.Env[Observation, Array]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Draw a plant and record the experiment; `options` pin parameters by name."""
         super().reset(seed=seed)
-        words = self.np_random.bit_generator.random_raw(words_of(self.plant))[None]
+        words = self.np_random.bit_generator.random_raw(integers_of(self.plant))[None]
         fixed = pinned(self.plant, interaction.mapping(options), 1)
         self._theta, obs = begun(self.plant, words, fixed, self.np_random)
         self._obs = obs[0]
         return self._obs.copy(), {}
 
     def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Judge the gains."""
+        """Loops the gains."""
         if self._theta is None or self._obs is None:
             raise ResetNeeded("An episode has one step. Call reset() before the next step().")
         given = validation.finite_array("action", action, shape=(len(self.plant.gains),))
@@ -92,7 +92,7 @@ class PlantVectorEnv(OneStepVectorEnv[Drawn]):
 
     def __init__(self, num_envs: int = 1, *, plant: str | Plant) -> None:
         self.plant = find(plant)
-        self.words = words_of(self.plant)
+        self.words = integers_of(self.plant)
         super().__init__(num_envs, observation_space(self.plant), action_space(self.plant))
 
     def pinned(self, options: Mapping[str, Any]) -> dict[str, Array]:
@@ -120,7 +120,7 @@ def pinned(plant: Plant, options: Mapping[str, Any], count: int) -> dict[str, Ar
         validation.one_of("options' parameter", name, tuple(plant.prior))
         array = np.atleast_1d(validation.real_array(name, value)).astype(np.float64)
         for one in array:
-            plant.possible(name, one)
+            plant.check_value(name, one)
         if len(array) not in (1, count):
             raise ValueError(f"options' {name} has {len(array)} values: give one, or {count}.")
         values[name] = np.broadcast_to(array, (count,))
@@ -132,7 +132,7 @@ def begun(
 ) -> tuple[Array, Observation]:
     """Parameters (B, p) and observations (B, 2 + m, N) of recorded experiments."""
     draw = Draw.of(plant, words)
-    for i, values in zip(plant.places(fixed), fixed.values(), strict=True):
+    for i, values in zip(plant.indices(fixed), fixed.values(), strict=True):
         draw.theta[:, i] = values
     y = plant.measure(draw.theta, draw.u, draw.keys, rng)
     return draw.theta, observation(plant, draw.u, y, draw.theta)
@@ -143,27 +143,27 @@ def outcome(
 ) -> tuple[Array, dict[str, NDArray[Any]]]:
     """Rewards (B,) of actions (B, k), and all that there is to know, arrays (B,)."""
     gains = np.clip(actions, space.low, space.high)
-    figures, oracle = plant.judged(theta, gains), plant.oracle(theta)
+    figures, oracle = plant.metric_values(theta, gains), plant.oracle(theta)
     info = {
         **dict(zip(plant.gains, gains.T, strict=True)),
         "clipped": (gains != actions).any(axis=1),
         "stable": ~np.isnan(figures).any(axis=1),
-        **dict(zip(plant.figures, figures.T, strict=True)),
+        **dict(zip(plant.metrics, figures.T, strict=True)),
         **{ORACLE + name: values for name, values in zip(plant.gains, oracle.T, strict=True)},
         **dict(zip(plant.prior, theta.T, strict=True)),
     }
-    return plant.earned(figures - plant.wanted(theta)), info
+    return plant.reward_of(figures - plant.targets(theta)), info
 
 
 def observation_space(plant: Plant) -> Box:
     """Rows: input, measured output, and what is measured beside them."""
-    shape = (2 + len(plant.shown_names), len(plant.u))
+    shape = (2 + len(plant.measured_names), len(plant.u))
     return Box(-_LARGEST, _LARGEST, shape, dtype=np.float32)
 
 
 def observation(plant: Plant, u: Array, y: Array, theta: Array) -> Observation:
     """(B, 2 + m, N) of recordings (1 or B, N), (B, N) and parameters (B, p)."""
-    beside = theta[:, plant.places(plant.shown_names)].T
+    beside = theta[:, plant.indices(plant.measured_names)].T
     rows = [u, y, *(values[:, None] for values in beside)]
     return np.stack([np.broadcast_to(row, y.shape) for row in rows], axis=1).astype(np.float32)
 
@@ -174,7 +174,7 @@ def recordings(plant: Plant, obs: ArrayLike) -> tuple[Array, Array, Array, bool]
     Parameters that are not shown are those in the middle of the prior.
     """
     array = np.asarray(obs, dtype=np.float64)
-    batch, names = array if array.ndim == 3 else array[None], plant.shown_names
+    batch, names = array if array.ndim == 3 else array[None], plant.measured_names
     shape = (2 + len(names), len(plant.u))
     if batch.ndim != 3 or batch.shape[1:] != shape:
         raise ValueError(
@@ -182,7 +182,7 @@ def recordings(plant: Plant, obs: ArrayLike) -> tuple[Array, Array, Array, bool]
             "yawrate/Plant-v0 gives them for this plant."
         )
     theta = np.tile(plant.middle, (len(batch), 1))
-    theta[:, plant.places(names)] = batch[:, 2:, 0]
+    theta[:, plant.indices(names)] = batch[:, 2:, 0]
     u = batch[:, 0]
     return u[:1] if (u == u[:1]).all() else u, batch[:, 1], theta, array.ndim == 2
 
@@ -191,6 +191,6 @@ def action_space(plant: Plant) -> Box:
     """Gains that coordinates within reach stand for."""
     low, high = reach(plant)
     units = corners(-np.ones_like(low), np.ones_like(low))
-    ends = plant.coordinates.decode(stretched(units, low, high))
+    ends = plant.parametrisation.decode(stretched(units, low, high))
     gains = np.concatenate([designed(plant), ends[np.isfinite(ends).all(axis=1)]])
     return Box(gains.min(axis=0), gains.max(axis=0), dtype=np.float64)

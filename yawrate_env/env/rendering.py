@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from yawrate_env.batch import take
 from yawrate_env.loop import closed_loop
+from yawrate_env.loop.loops import Evaluation
 from yawrate_env.loop.margins import open_loop
 from yawrate_env.loop.target import Target
-from yawrate_env.vehicle.judge import Judge, Verdict
+from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 
@@ -115,7 +116,7 @@ class _Loops:
 
     kp: NDArray[np.float64]
     Ti: NDArray[np.float64]
-    verdict: Verdict
+    verdict: Evaluation
     frequency: NDArray[np.float64]
     magnitude: NDArray[np.float64]
     phase: NDArray[np.float64]
@@ -124,9 +125,9 @@ class _Loops:
 
     @classmethod
     def of(cls, task: Task, context: Context, gains: NDArray[np.float64]) -> "_Loops":
-        """Judge the gains and the oracle's; frequency in Hz, magnitude in dB, angles in deg."""
-        judge, target = Judge.of(task, take(context, np.array([0, 0]))), task.target
-        oracle = judge.oracle()
+        """Loops the gains and the oracle's; frequency in Hz, magnitude in dB, angles in deg."""
+        judge, target = loops(task, take(context, np.array([0, 0]))), task.target
+        oracle = judge.design()
         kp, Ti = np.array([gains, [oracle.kp[0], oracle.Ti[0]]]).T
         low, high = _band(target)
         frequency = np.geomspace(low, 0.9999 * high, 500)  # at Nyquist itself L may be zero
@@ -140,7 +141,7 @@ class _Loops:
         return cls(
             kp=kp,
             Ti=Ti,
-            verdict=judge(kp, Ti),
+            verdict=judge.evaluate(kp, Ti),
             frequency=frequency,
             magnitude=20 * np.log10(np.abs(L)),
             phase=np.degrees(np.unwrap(angle, axis=1)),

@@ -16,7 +16,7 @@ class Target:
     Attributes
     ----------
     phase_margin : float
-        Wanted phase margin [deg].
+        Wanted phase_margin [deg].
     crossover : float
         Wanted gain crossover [Hz].
     Ts : float

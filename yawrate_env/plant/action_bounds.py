@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env import validation
-from yawrate_env.plant.calls import called
+from yawrate_env.plant.calls import call
 from yawrate_env.plant.episodes import designed
 from yawrate_env.plant.plant import Plant
 
@@ -23,13 +23,15 @@ def reach(plant: Plant) -> tuple[Array, Array]:
     more on either side: less where coordinates so far out are those of no gains, or of
     negative ones where all plants need positive ones.
     """
-    if plant.reach is not None:
-        low, high = validation.finite_array("reach", called("reach", plant.reach), shape=(2, None))
+    if plant.action_bounds is not None:
+        low, high = validation.finite_array(
+            "reach", call("reach", plant.action_bounds), shape=(2, None)
+        )
         if not (low < high).all():
             raise ValueError(f"reach = {low}, {high}: give the lowest, then the highest ones.")
         return low, high
     gains = designed(plant)
-    values = plant.coordinates.encode(gains)
+    values = plant.parametrisation.encode(gains)
     values = values[np.isfinite(values).all(axis=1)]
     positive = (gains > 0).all(axis=0)
     ends = np.stack([values.min(axis=0), values.max(axis=0)])
@@ -39,8 +41,8 @@ def reach(plant: Plant) -> tuple[Array, Array]:
             wider = ends.copy()
             wider[side, i] += (share if side else -share) * width[i]
             asked = corners(*wider)
-            found = plant.coordinates.decode(asked)
-            missed = np.abs(plant.coordinates.encode(found) - asked)
+            found = plant.parametrisation.decode(asked)
+            missed = np.abs(plant.parametrisation.encode(found) - asked)
             if (missed <= _ROUNDING * width).all() and (found[:, positive] > 0).all():
                 ends = wider
                 break

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 
-def called(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+def call(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
     """What the function answers, or ``ValueError`` with its name and what it raised.
 
     What it raised is the error's ``__cause__``.

@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tuners.features.laguerre import Laguerre
 from yawrate_env import validation
-from yawrate_env.plant.metric import Figure
+from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import check_names
-from yawrate_env.plant.parametrisation import Coordinates
+from yawrate_env.plant.parametrisation import Parametrisation
 
 if TYPE_CHECKING:
     from yawrate_env.plant.plant import Plant
@@ -22,12 +21,12 @@ _RELATIVE = "relative error of "
 SHORTEST = 16
 """Samples that an experiment has at least."""
 
-_FUNCTIONS = {"simulate": False, "design": False, "judge": True, "excite": True, "record": True,
-              "gray_box": True, "reach": True, "loop": True}  # fmt: skip
+_FUNCTIONS = {"simulate": False, "design": False, "evaluate": True, "excite": True, "record": True,
+              "search": True, "action_bounds": True, "loop": True}  # fmt: skip
 """Whether None may stand for them."""
 
 
-class Filled(dict[str, Figure]):
+class Filled(dict[str, Metric]):
     """Figures of a plant without a judge, which ``dataclasses.replace`` does not take for given."""
 
 
@@ -45,7 +44,7 @@ def check_settings(plant: "Plant") -> None:
             "Ts", plant.Ts, above=0.0, remedy="Give the sampling time in seconds."
         ),
         "gains": gains,
-        "figures": figures,
+        "metrics": figures,
         "measured": _measured(plant.measured, prior),
         "search_limits": _search_limits(plant.search_limits, prior),
         "linear": validation.flag("linear", plant.linear),
@@ -56,7 +55,9 @@ def check_settings(plant: "Plant") -> None:
                           remedy="Give it in Hz, below half the sampling rate.")  # fmt: skip
     _check_plausible(plant.plausible)
     if plant.target is not None:
-        target = validation.finite_array("target", plant.target, shape=(len(figures),))
+        target = validation.finite_array(
+            "target", plant.target, shape=(sum(m.counts for m in figures.values()),)
+        )
         values["target"] = tuple(target.tolist())
     if not callable(plant.noise):
         validation.number("noise", plant.noise, at_least=0.0, remedy="Give a standard deviation.")
@@ -67,14 +68,15 @@ def check_settings(plant: "Plant") -> None:
 def _check_types(plant: "Plant") -> None:
     for name, optional in _FUNCTIONS.items():
         validation.function(name, getattr(plant, name), optional=optional)
-    remedy = "Give plants.LOG, plants.loop(target) or plants.Coordinates(encode, decode)."
-    validation.instance("coordinates", plant.coordinates, Coordinates, remedy=remedy)
+    remedy = "Give LOG, GAINS, loop(target) or Parametrisation(encode, decode)."
+    validation.instance("coordinates", plant.parametrisation, Parametrisation, remedy=remedy)
     for name in ("encode", "decode"):
-        validation.function(f"coordinates.{name}", getattr(plant.coordinates, name))
-    validation.function("coordinates.names", plant.coordinates.names, optional=True)
+        validation.function(f"coordinates.{name}", getattr(plant.parametrisation, name))
+    validation.function("coordinates.names", plant.parametrisation.names, optional=True)
     if plant.black_box is not None:
-        remedy = "Give a Laguerre(order, pole), or None."
-        validation.instance("black_box", plant.black_box, Laguerre, remedy=remedy)
+        order, pole = plant.black_box
+        validation.count("black_box's order", order, remedy="Give some 20.")
+        validation.number("black_box's pole", pole, above=0.0, remedy="Give it in rad/s.")
     if not isinstance(plant.entry, str):
         raise ValueError(f'entry = {plant.entry!r} must be a text, as in "my_plant:plant".')
     signals: Any = plant.signals
@@ -147,22 +149,22 @@ def _search_limits(
     return found
 
 
-def _figures(plant: "Plant", gains: tuple[str, ...]) -> dict[str, Figure]:
+def _figures(plant: "Plant", gains: tuple[str, ...]) -> dict[str, Metric]:
     """Those given, or where there is no judge the gains' relative errors."""
-    _check_mapping("figures", plant.figures, '{"phase margin [deg]": 10.0}')
-    if plant.judge is None:
-        return _of_gains(plant.figures, gains)
-    if not plant.figures or isinstance(plant.figures, Filled):
+    _check_mapping("metrics", plant.metrics, '{"phase_margin [deg]": 10.0}')
+    if plant.evaluate is None:
+        return _of_gains(plant.metrics, gains)
+    if not plant.metrics or isinstance(plant.metrics, Filled):
         raise ValueError(
             "judge and figures belong together. Give figures the names of what judge returns and "
-            'the errors that count as one, as in {"phase margin [deg]": 10.0}.'
+            'the errors that count as one, as in {"phase_margin [deg]": 10.0}.'
         )
-    for name in plant.figures:
-        validation.text("figures' name", name)
-    return {name: _figure(name, value) for name, value in plant.figures.items()}
+    for name in plant.metrics:
+        validation.text("metrics' name", name)
+    return {name: _figure(name, value) for name, value in plant.metrics.items()}
 
 
-def _of_gains(figures: Mapping[str, float | Figure], gains: tuple[str, ...]) -> Filled:
+def _of_gains(figures: Mapping[str, float | Metric], gains: tuple[str, ...]) -> Filled:
     """Relative errors of gains, which figures may give the scale of."""
     if isinstance(figures, Filled):  # a description that was filled in, and has changed since
         figures = {name.removeprefix(_RELATIVE): value for name, value in figures.items()}
@@ -170,18 +172,18 @@ def _of_gains(figures: Mapping[str, float | Figure], gains: tuple[str, ...]) -> 
     for name in figures:
         if name not in gains:
             raise ValueError(
-                f"figures' name = {name!r}: without a judge figures are the gains' relative "
+                f"metrics' name = {name!r}: without a judge figures are the gains' relative "
                 f"errors. Give a judge, or what counts as one of {', '.join(gains)}."
             )
     scales = {name: figures.get(name, RELATIVE_ERROR) for name in gains}
     return Filled({f"{_RELATIVE}{name}": _figure(name, scales[name]) for name in gains})
 
 
-def _figure(name: str, value: float | Figure) -> Figure:
-    if isinstance(value, Figure):
+def _figure(name: str, value: float | Metric) -> Metric:
+    if isinstance(value, Metric):
         return value
     remedy = "Give the error that counts as one."
-    return Figure(validation.number(f"figure {name}", value, above=0.0, remedy=remedy))
+    return Metric(validation.number(f"figure {name}", value, above=0.0, remedy=remedy))
 
 
 def _check_mapping(name: str, value: Any, example: str) -> None:

@@ -1,6 +1,6 @@
 """Random episodes of a plant, the same whatever batch they are asked for in.
 
-Parameters, input and measurement noise come from words of an episode's own.  A generator
+Parameters, input and measurement noise come from integers of an episode's own.  A generator
 for what is random inside the simulator belongs to a block of episodes, and blocks are
 computed whole, whatever part of them is asked for: BLAS sums in another order when a batch
 is of another size, and the last bits of a row would depend on where a data set was cut.
@@ -12,19 +12,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features import Compressor
-from yawrate_env.batch import concatenate, take
-from yawrate_env.plant.parametrisation import Coordinates
+from yawrate_env import validation
+from yawrate_env.batch import concatenate
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.noise import KEY_WORDS
 from yawrate_env.signals.streams import stream, uniform
-from yawrate_env.vehicle.contexts import context_set
 
 Array = NDArray[np.float64]
-Words = NDArray[np.uint64]
+Integers = NDArray[np.uint64]
 Progress = Callable[[int, int], None]
 
 BLOCK = 128
+
+SETS = {"train": 1, "test": 2, "extrapolation": 3, "calibration": 4}
+"""Names of sets of episodes that never share one, whatever the seeds; the tags keep their
+random streams apart."""
 
 _SEED = 20
 _TRIED = 256
@@ -46,13 +48,25 @@ class Draw:
 
     theta: Array
     u: Array
-    keys: Words
+    keys: Integers
 
     @classmethod
-    def of(cls, plant: Plant, words: Words) -> "Draw":
-        """Turn random words (B, `words_of`) into experiments of the prior."""
+    def of(
+        cls, plant: Plant, integers: Integers, ranges: tuple[Array, Array] | None = None
+    ) -> "Draw":
+        """Turn random integers (B, `integers_of`) into experiments of the prior.
+
+        Parameters
+        ----------
+        ranges : tuple of NDArray, optional
+            Low and high ends of the parameters, (p,) each, if not the prior's.
+        """
         p = len(plant.prior)
-        return cls(parameters(plant, words[:, :p]), plant.inputs(words[:, p]), words[:, p + 1 :])
+        return cls(
+            parameters(plant, integers[:, :p], ranges),
+            plant.inputs(integers[:, p]),
+            integers[:, p + 1 :],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,47 +94,17 @@ class Episodes:
         return len(self.y)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Examples:
-    """What a learner learns from, (m, ...); rows of one `number` differ by their noise alone.
-
-    Attributes
-    ----------
-    number : NDArray
-        (m,) which episode of the seed a row is of.
-    theta : NDArray
-        (m, p) its parameters.
-    features : NDArray
-        (m, n) its compressed recording, and what is measured beside it.
-    usable : NDArray
-        (m,) whether the compression converged and the design rule has gains.
-    gains : NDArray
-        (m, k) the design rule's.
-    """
-
-    number: NDArray[np.int64]
-    theta: Array
-    features: Array
-    usable: NDArray[np.bool_]
-    gains: Array
-
-    def __len__(self) -> int:
-        return len(self.features)
-
-    def targets(self, coordinates: Coordinates) -> Array:
-        """The gains as a learner predicts them."""
-        return coordinates.encode(self.gains)
-
-
-def words_of(plant: Plant) -> int:
-    """How many 64-bit words an episode takes: parameters, input, and the noise's key."""
+def integers_of(plant: Plant) -> int:
+    """How many 64-bit integers an episode takes: parameters, input, and the noise's key."""
     return len(plant.prior) + 1 + KEY_WORDS
 
 
-def parameters(plant: Plant, words: Words) -> Array:
-    """Random words (B, p) to parameters of the prior (B, p)."""
-    low, high = plant.ranges
-    return np.asarray(low + (high - low) * uniform(words))
+def parameters(
+    plant: Plant, integers: Integers, ranges: tuple[Array, Array] | None = None
+) -> Array:
+    """Random integers (B, p) to parameters (B, p) of the prior, or of other ranges."""
+    low, high = plant.ranges if ranges is None else ranges
+    return np.asarray(low + (high - low) * uniform(integers))
 
 
 def designed(plant: Plant) -> Array:
@@ -148,7 +132,7 @@ def episodes(
     Parameters
     ----------
     name : str
-        Which of the sets that never share an episode (`yawrate_env.vehicle.contexts`).
+        Which of the sets that never share an episode (`SETS`).
     repeat : int
         Another one has the same parameters and inputs, and fresh noise.
     """
@@ -163,65 +147,38 @@ def recorded(plant: Plant, name: str, seed: int, count: int, repeat: int = 0) ->
     return whole if len(whole.u) == len(whole) else replace(whole, u=parts[0].u)
 
 
-def compressed(
-    plant: Plant,
-    name: str,
-    seed: int,
-    first: int,
-    count: int,
-    compressor: Compressor,
-    repeat: int = 0,
-) -> Iterator[tuple[Examples, Episodes]]:
-    """What `episodes` gives, with what a learner learns from it."""
-    for block, asked in _blocks(plant, name, seed, first, count, repeat):
-        features, usable = compressor(block.u, block.y, plant.Ts)
-        gains = plant.oracle(block.theta)
-        usable = usable & np.isfinite(gains).all(axis=1)
-        features = np.concatenate([features, plant.shown(block.theta)], axis=1)
-        rows = Examples(block.number, block.theta, features, usable, gains)
-        yield take(rows, asked), _part(block, asked)
-
-
-def examples(
-    plant: Plant,
-    count: int,
-    seed: int,
-    compressor: Compressor,
-    *,
-    name: str = "train",
-    noise_draws: int = 1,
-    progress: Progress | None = None,
-) -> Examples:
-    """Simulate and compress the first `count` episodes of a set's seed.
-
-    Parameters
-    ----------
-    noise_draws : int
-        Record every plant so many times, with fresh noise.
-    """
-    parts: list[Examples] = []
-    done = 0
-    for repeat in range(noise_draws):
-        for rows, _ in compressed(plant, name, seed, 0, count, compressor, repeat):
-            parts.append(rows)
-            done += len(rows)
-            if progress is not None:
-                progress(done, count * noise_draws)
-    return concatenate(parts)
+def ranges_of(plant: Plant, name: str) -> tuple[Array, Array]:
+    """Low and high ends (p,) of the parameters in a set: the prior's, but in ``extrapolation``."""
+    low, high = plant.ranges
+    if name != "extrapolation":
+        return low, high
+    if not plant.extrapolation:
+        raise ValueError(
+            "set of episodes = 'extrapolation': this plant names no ranges outside its prior. "
+            "Give Plant(extrapolation={name: (low, high)}), or use another set."
+        )
+    for i, (a, b) in zip(
+        plant.indices(plant.extrapolation), plant.extrapolation.values(), strict=True
+    ):
+        low[i], high[i] = a, b
+    return low, high
 
 
 def _blocks(
     plant: Plant, name: str, seed: int, first: int, count: int, repeat: int
 ) -> Iterator[tuple[Episodes, slice]]:
     """Whole blocks, and which of their rows are asked for."""
-    tag, stop = context_set(name).tag, first + count
+    tag, stop = SETS[validation.one_of("set of episodes", name, tuple(SETS))], first + count
+    ranges = ranges_of(plant, name)
     for start in range(first - first % BLOCK, stop, BLOCK):
-        words = stream((tag, seed), start, BLOCK, words_of(plant))
+        integers = stream((tag, seed), start, BLOCK, integers_of(plant))
         root = (tag, seed, repeat) if repeat else (tag, seed)
         if repeat:
-            words[:, -KEY_WORDS:] = stream(root, start, BLOCK, words_of(plant))[:, -KEY_WORDS:]
+            integers[:, -KEY_WORDS:] = stream(root, start, BLOCK, integers_of(plant))[
+                :, -KEY_WORDS:
+            ]
         rng = np.random.default_rng(np.random.SeedSequence(root, spawn_key=(start, 1)))
-        draw = Draw.of(plant, words)
+        draw = Draw.of(plant, integers, ranges)
         y = plant.measure(draw.theta, draw.u, draw.keys, rng)
         number = np.arange(start, start + BLOCK)
         yield Episodes(number, draw.theta, draw.u, y), slice(max(first - start, 0), stop - start)

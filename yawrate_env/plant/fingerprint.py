@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.plant.episodes import Draw, sample, words_of
-from yawrate_env.plant.metric import Figure
+from yawrate_env.plant.episodes import Draw, integers_of, sample
+from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.streams import stream
 
@@ -31,9 +31,9 @@ def settings(plant: Plant) -> dict[str, Any]:
         "gains": list(plant.gains),
         "Ts": plant.Ts,
         "measured": [[name, slack] for name, slack in plant.measured.items()],
-        "figures": [
-            [name, *(float(plant.figure(of)[i]) for of in Figure.__slots__)]
-            for i, name in enumerate(plant.figures)
+        "metrics": [
+            [name, *(float(plant.metric_setting(of)[i]) for of in Metric.__slots__)]
+            for i, name in enumerate(plant.metrics)
         ],
         "target": plant.target and list(plant.target),
         "linear": plant.linear,
@@ -51,8 +51,8 @@ def trial(plant: Plant) -> dict[str, Array]:
         "simulate": plant.respond(theta),
         "noise": plant.sigma(plant.respond(theta)),
         "design": plant.oracle(theta),
-        "coordinates": plant.coordinates.encode(plant.oracle(theta)),
-        "judge": plant.judged(theta, plant.oracle(plant.middle).repeat(_TRIALS, axis=0)),
+        "coordinates": plant.parametrisation.encode(plant.oracle(theta)),
+        "evaluate": plant.metric_values(theta, plant.oracle(plant.middle).repeat(_TRIALS, axis=0)),
         "recordings": _recordings(plant),
     }
 
@@ -78,7 +78,7 @@ def of_episodes(plant: Plant) -> dict[str, Any]:
     asked = trial(plant)
     return {
         **{name: value for name, value in settings(plant).items() if name in _OF_ROWS},
-        "answers": {name: _sums(asked[name]) for name in asked if name != "judge"},
+        "answers": {name: _sums(asked[name]) for name in asked if name != "evaluate"},
     }
 
 
@@ -90,7 +90,7 @@ def alike(then: Any, now: Any) -> bool:
 
 def _recordings(plant: Plant) -> Array:
     """What episodes show of noise, inputs and the simulator's own randomness."""
-    draw = Draw.of(plant, stream(_SEED, 0, _TRIALS, words_of(plant)))
+    draw = Draw.of(plant, stream(_SEED, 0, _TRIALS, integers_of(plant)))
     return plant.measure(draw.theta, draw.u, draw.keys, np.random.default_rng(_SEED))
 
 

@@ -1,4 +1,4 @@
-"""What a figure's error is worth, and how much of it is trusted."""
+"""How a loop's metrics count, and the errors that are trusted."""
 
 from dataclasses import dataclass
 from numbers import Real
@@ -7,22 +7,22 @@ import numpy as np
 
 from yawrate_env import validation
 
-_ERROR, _SPREAD = 0.2, 0.1  # of the scale: what is trusted if nothing else is said
+_ERROR, _SPREAD = 0.2, 0.1  # of the scale: trusted if nothing else is said
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
-    """How one of the figures counts by which gains are judged, all in its own unit.
+class Metric:
+    """Settings of one metric, all in its own unit.
 
     Attributes
     ----------
     scale : float
-        The error that counts as one in the reward.
+        The error that counts as one in the reward; ``inf`` for a metric that is only reported.
     error : float
-        Largest predicted distance from what the design rule reaches that is still trusted;
-        a fifth of the scale if not given.
+        Largest predicted distance from the target that is still trusted; a fifth of the scale
+        if omitted.
     spread : float
-        Largest standard deviation of the prediction that is; a tenth if not given.
+        Largest standard deviation of the prediction that is trusted; a tenth if omitted.
     """
 
     scale: float
@@ -31,10 +31,18 @@ class Figure:
 
     def __post_init__(self) -> None:
         remedy = "Give the error that counts."
-        scale = validation.number("scale", self.scale, above=0.0, remedy=remedy)
+        if self.scale == np.inf:
+            scale = self.scale
+        else:
+            scale = validation.number("scale", self.scale, above=0.0, remedy=remedy)
         for name, share in (("error", _ERROR), ("spread", _SPREAD)):
             value = getattr(self, name)
             if isinstance(value, Real) and np.isnan(float(value)):
                 object.__setattr__(self, name, share * scale)
             else:
                 validation.number(name, value, above=0.0, remedy=remedy)
+
+    @property
+    def counts(self) -> bool:
+        """Whether it counts in the reward."""
+        return bool(np.isfinite(self.scale))

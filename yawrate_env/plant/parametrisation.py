@@ -1,4 +1,4 @@
-"""What a learner predicts instead of the gains themselves."""
+"""The numbers that learners predict and agents choose instead of the gains themselves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.tuner import coordinates
+from yawrate_env.loop import controller
+from yawrate_env.loop.design import design_from_response
 from yawrate_env.loop.target import Target
 
 Array = NDArray[np.float64]
@@ -14,8 +15,8 @@ Names = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Coordinates:
-    """Gains (B, k) to numbers whose errors matter alike for every plant, and back.
+class Parametrisation:
+    """Gains (B, k) to coordinates (B, m) whose errors matter alike for every plant, and back.
 
     Attributes
     ----------
@@ -24,19 +25,22 @@ class Coordinates:
     decode : callable
         Coordinates (B, m) to gains (B, k); ``nan`` where there are none.
     names : callable, optional
-        What they are called in data sets, from the gains' names; ``coordinate_1``, ... if
-        not given.
+        Names of the coordinates in data sets, from the gains' names; ``coordinate_1``, ... if
+        omitted.
+    target : Target, optional
+        The loop whose controller the coordinates describe (`loop`).
     """
 
     encode: Callable[[Array], Array]
     decode: Callable[[Array], Array]
     names: Callable[[Names], Names] | None = None
+    target: Target | None = None
 
-    @property
-    def target(self) -> Target | None:
-        """The loop whose controller they describe, where they are those of `loop`."""
-        owner = getattr(self.decode, "__self__", None)
-        return owner.target if isinstance(owner, _Loop) else None
+
+def scale_to_bounds(actions: NDArray[np.floating], low: Array, high: Array) -> Array:
+    """Actions (B, m) in [-1, 1], clipped, to coordinates between `low` and `high` (m,)."""
+    unit = (np.clip(np.asarray(actions, dtype=np.float64), -1, 1) + 1) / 2
+    return np.asarray(low + (high - low) * unit)
 
 
 def _log(gains: Array) -> Array:
@@ -54,30 +58,35 @@ def _positive(gains: Array) -> Array:
     return np.where(usable.all(axis=1, keepdims=True), gains, np.nan)
 
 
-def _logged(gains: Names) -> Names:
+def _log_names(gains: Names) -> Names:
     return tuple(f"log_{name}" for name in gains)
 
 
-def _unchanged(gains: Names) -> Names:
+def _same_names(gains: Names) -> Names:
     return gains
 
 
-LOG = Coordinates(_log, _exp, _logged)
-"""Logarithms: relative errors count; for gains that are positive."""
+LOG = Parametrisation(_log, _exp, _log_names)
+"""Logarithms: relative errors count; for positive gains."""
 
 
-PLAIN = Coordinates(np.asarray, _positive, _unchanged)
-"""The gains themselves: absolute errors count; for gains that are positive."""
+GAINS = Parametrisation(np.asarray, _positive, _same_names)
+"""The gains themselves: absolute errors count; for positive gains.
+
+The paper predicts these.  Ti runs from 0.07 s to beyond 2 s, so its squared error is ruled
+by a few low-friction vehicles for which Ti hardly matters.
+"""
 
 
-def loop(target: Target) -> Coordinates:
-    """Log magnitude and phase of a PI controller (kp, Ti) at the wanted crossover.
+def loop(target: Target) -> Parametrisation:
+    """Log magnitude and phase [rad] of a PI controller (kp, Ti) at the target crossover.
 
-    An error of phase is the same error of phase margin for every plant
-    (`tuners.tuner.coordinates`).
+    An error of phase is the same error of phase margin for every plant, and the map to
+    (kp, Ti) is exact (`yawrate_env.loop.controller`).  A phase that no PI supplies is treated
+    as the design rule treats it.
     """
     at = _Loop(target)
-    return Coordinates(at.encode, at.decode, at.names)
+    return Parametrisation(at.encode, at.decode, at.names, target)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +95,12 @@ class _Loop:
 
     def encode(self, gains: Array) -> Array:
         kp, Ti = np.where(gains > 0, gains, np.nan).T
-        return coordinates.encode(kp, Ti, self.target, "loop")
+        return np.stack(controller.response(kp, Ti, self.target), axis=1)
 
     def decode(self, values: Array) -> Array:
-        found = coordinates.decode(values, self.target, "loop")
-        return np.stack([found.kp, found.Ti], axis=1)
+        with np.errstate(over="ignore"):  # far from all that was learned
+            found = design_from_response(values[:, 0], values[:, 1], self.target)
+        return _positive(np.stack([found.kp, found.Ti], axis=1))
 
     def names(self, gains: Names) -> Names:
         return "log_gain", "phase"

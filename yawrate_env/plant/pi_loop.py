@@ -1,4 +1,4 @@
-"""Simulator, design rule and judge of linear plants in a PI loop.
+"""Simulator, design rule and metrics of linear plants in a PI loop.
 
 The project's own: exact zero-order hold, the loop-shaping rule of `yawrate_env.loop.design`,
 margins of the sampled loop.  The plants are python-control models, one for each row of
@@ -13,17 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.loop import closed_loop, simulation
+from yawrate_env.loop.design import Status
 from yawrate_env.loop.discretisation import DiscretePlant, zoh
-from yawrate_env.loop.margins import TransferFunction, open_loop
+from yawrate_env.loop.loops import Loops
+from yawrate_env.loop.margins import open_loop
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.names import split, word
 from yawrate_env.plant.responses import ClosedLoop, OpenLoop, Response
-from yawrate_env.vehicle.judge import Judge
 
 Array = NDArray[np.float64]
 
+PHASE_SCALE, CROSSOVER_SCALE = 10.0, 0.25
 GAINS = ("kp", "Ti")
-FIGURES = {"phase margin [deg]": 10.0, "crossover [Hz]": 0.25}
+METRICS = {"phase_margin [deg]": PHASE_SCALE, "crossover [Hz]": CROSSOVER_SCALE}
 """With the errors that count as one in the yaw-rate environment."""
 
 
@@ -72,30 +74,33 @@ class PILoop:
         """Noise-free outputs (B, N) from rest."""
         return simulation.simulate(self.discrete(theta, self.Ts), u)
 
-    def design(self, theta: Array) -> Array:
-        """(kp, Ti) (B, 2) that reach the target; ``nan`` where no PI does."""
-        found = self._judge(theta).oracle()
-        return np.stack([found.kp, found.Ti], axis=1)
+    def design(self, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """(kp, Ti) (B, 2), and whether they reach the target; ``nan`` where no PI comes near it."""
+        found = self.loops(theta).design()
+        return np.stack([found.kp, found.Ti], axis=1), found.status == Status.OK
 
-    def judge(self, theta: Array, gains: Array) -> Array:
-        """Phase margin [deg] and crossover [Hz], (B, 2)."""
-        verdict = self._judge(theta)(*gains.T)
-        found = np.stack([verdict.margins.phase_margin, verdict.margins.crossover], axis=1)
-        found = np.where(np.isfinite(found), found, np.inf)
-        return np.where(verdict.stable[:, None], found, np.nan)
+    def evaluate(self, theta: Array, gains: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Phase margin [deg] and crossover [Hz], (B, 2), and whether loops are stable (B,)."""
+        found = self.loops(theta).evaluate(*gains.T)
+        margins = found.margins.phase_margin, found.margins.crossover
+        return np.stack(margins, axis=1), found.stable
 
     def around(self, theta: Array, gains: Array) -> ClosedLoop:
         """The loop of gains (2,) around one plant (p,), for reports to draw."""
-        target, judge = self.target, self._judge(theta[None])
+        target, loops = self.target, self.loops(theta[None])
         kp, Ti = gains[:, None]
-        verdict = judge(kp, Ti)
+        found = loops.evaluate(kp, Ti)
         frequency = np.geomspace(target.crossover / 30, 0.4999 / target.Ts, 400)
-        L = open_loop(judge.transfer_function, kp, Ti, target)(2 * np.pi * frequency)[0]
+        L = open_loop(loops.transfer_function, kp, Ti, target)(2 * np.pi * frequency)[0]
         return ClosedLoop(
-            self._responses(judge.plant, kp, Ti),
-            OpenLoop(frequency, L, verdict.margins),
-            bool(verdict.stable[0]),
+            self._responses(loops.plant, kp, Ti),
+            OpenLoop(frequency, L, found.margins),
+            bool(found.stable[0]),
         )
+
+    def loops(self, theta: Array) -> Loops:
+        """PI loops around plants (B, p), at the controller's sampling time."""
+        return Loops.of(self.discrete(theta, self.target.Ts), self.target)
 
     def _responses(self, plant: DiscretePlant, kp: Array, Ti: Array) -> tuple[Response, Response]:
         """Of the output to a reference, and to what is added to the input."""
@@ -112,10 +117,6 @@ class PILoop:
             Response(titles[0], time, _bounded(step[0]), 1.0, output),
             Response(titles[1], time, _bounded(after[0], at_once), 0.0, output),
         )
-
-    def _judge(self, theta: Array) -> Judge:
-        plant = self.discrete(theta, self.target.Ts)
-        return Judge(plant, TransferFunction.of(plant, self.target.delay_samples), self.target)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""A plant, described by what the two-stage method needs: prior, simulator, design rule.
+"""Description of a plant: prior, simulator, design rule, and the metrics of its loop.
 
 Everything is batched, ``(B, ...)``; functions that take one plant at a time are called in a
 loop.  `docs/plants.md` says what each function must do.
@@ -11,21 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features.laguerre import Laguerre
 from yawrate_env import validation
 from yawrate_env.compiled import LANES, over_blocks
-from yawrate_env.plant.calls import called
+from yawrate_env.plant.calls import call
 from yawrate_env.plant.checks import check_settings
-from yawrate_env.plant.metric import Figure
+from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import split
-from yawrate_env.plant.parametrisation import LOG, Coordinates
+from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
-from yawrate_env.plant.reward import UNSTABLE, graded
+from yawrate_env.plant.reward import reward
 from yawrate_env.plant.trial import check_functions
 from yawrate_env.signals.noise import add_white_noise
 
 Array = NDArray[np.float64]
-Words = NDArray[np.uint64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.uint64]
 Noise = float | Callable[[Array], Array]
 Search = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]
 Range = tuple[float, float]
@@ -53,111 +53,135 @@ class _Below:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plant:
-    """A family of plants, the experiment on them, and the rule that knows their gains.
+    """A family of plants, the experiment on them, and the design rule that knows their gains.
 
-    One trial call of each function is made when a plant is described, with the
-    parameters in the middle of the prior; what is wrong raises ``ValueError``.
+    Each function is called once when a plant is described, with the parameters in the middle
+    of the prior; what is wrong raises ``ValueError``.
 
     Attributes
     ----------
     prior : dict
-        Names of the p parameters that differ from plant to plant to their uniform ranges
+        Names of the p parameters that differ from plant to plant, and their uniform ranges
         ``(low, high)``; a point is a parameter that is known.
     simulate : callable
         ``simulate(theta, u, rng)``: parameters (B, p) and input (N,) to outputs (B, N); input
-        (B, N) where every episode has its own (`excite`).  `rng` is for what is random in the
-        plant itself; where it is None, nothing is.
+        (B, N) where every episode has its own (`excite`).  `rng` is for randomness in the
+        plant itself; where it is None, nothing is random.
     design : callable
         ``design(theta)``: parameters (B, p) to gains (B, k); ``nan`` where there are none.
+        Where some gains only come as near to the target as the controller can, a pair: gains,
+        and whether they reach it (B,) bool.
     gains : tuple of str
-        Their names.
+        Names of the gains.
     u : array
         (N,) input of the experiment.
     Ts : float
-        Its sampling time [s].
+        Sampling time of the experiment [s].
     noise : float or callable
-        Standard deviation of the measurement's white noise, or a function of noise-free
+        Standard deviation of the white measurement noise, or a function of noise-free
         outputs (B, N) to (B,): see `snr`.
-    judge : callable, optional
-        ``judge(theta, gains)``: parameters (B, p) and gains (B, k) to figures (B, f), by
-        which gains are judged; ``nan`` where the loop is unstable, ``inf`` where it is stable
-        and a figure undefined.  What the design rule reaches is the target.  Without a
-        judge the gains' relative errors are the figures.
-    figures : dict
-        The figures' names to the errors that count as one, or to a `Figure`; without a
-        judge the gains' names to relative errors, 0.3 by default.
+    evaluate : callable, optional
+        ``evaluate(theta, gains)``: parameters (B, p) and gains (B, k) to metrics (B, f) of the
+        loop; ``nan`` where the loop is unstable, ``inf`` where it is stable and a metric is
+        undefined.  Or a pair: metrics, ``nan`` where undefined, and whether each loop is stable
+        (B,) bool.  If omitted, the gains' relative errors are the metrics.
+    metrics : dict
+        Names of the metrics to the errors that count as one, or to a `Metric`; without
+        `evaluate` the gains' names to relative errors, 0.3 by default.  A unit stands in
+        brackets: ``phase_margin [deg]``.
     target : tuple of float, optional
-        The figures that the design rule aims at, where these are the same for every plant.
-    coordinates : Coordinates
+        Values of the counted metrics that the design rule aims at, where these are the same for
+        every plant.
+    parametrisation : Parametrisation
         What the learner predicts: the gains' logarithms, or `loop` coordinates.
     measured : dict, optional
-        Parameters that are known of every recording, a speed or a load, say, to how far
-        outside the prior's range they may lie.
+        Parameters that are measured with every recording, such as a speed or a load, to how
+        far outside the prior's range they may lie.
     excite : callable, optional
-        ``excite(words)``: random 64-bit words (B,) to inputs (B, N), where every episode has
-        an input of its own; `u` is then an example.
+        ``excite(integers)``: random 64-bit integers (B,) to inputs (B, N), where every episode
+        has an input of its own; `u` is then an example.
     linear : bool
-        Whether responses add up: what a recording's start and offsets contribute can then be
-        told from the response to its input.
+        Whether responses add up: the contribution of a recording's initial state and offsets
+        can then be told from the response to its input.
     crossover : float, optional
-        Where a loop's figures are decided [Hz]: noise is looked at around it, and with a
-        linear plant the response.
+        Frequency at which a loop's metrics are decided [Hz]: noise is looked at around it, and
+        the response of a linear plant.
     plausible : tuple of float
-        Largest absolute input and output that a recording can hold: beyond, its units are
-        doubted.
+        Largest absolute input and output of a plausible recording; values beyond them usually
+        mean wrong units.
     batched : bool
         Whether the functions take B plants at once, or ``(p,)`` and ``(k,)`` of one.
     signals : tuple of str
-        What input and output are called in pictures and logs.  Their units, and those of measured
-        parameters, are in brackets: ``speed [rad/s]``.
+        Names of input and output in pictures and logs, with units in brackets:
+        ``speed [rad/s]``.
+    labels : dict, optional
+        Parameters to the names that logs, checks and results use for them, with units:
+        ``{"v_x": "speed [m/s]"}``.
+    synonyms : dict, optional
+        ``input``, ``output`` and names of measured parameters to further column names that logs
+        give them.
+    messages : dict, optional
+        Checks of a recording (`tuners.trust.checks`) to the sentence that is shown where they
+        fail, in the terms of this plant.
     entry : str
         ``module:attribute`` where the description is found again; saved tuners name it.
+    arguments : dict, optional
+        Where `entry` is a function: the keyword arguments, plain JSON values, that give this
+        plant.
+    extrapolation : dict, optional
+        Ranges of some parameters outside the prior, for the ``extrapolation`` set of episodes.
     record : callable, optional
         For speed: ``record(theta, u, keys)``, simulation and noise in one, for inputs (1, N) or
         (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`.
-    gray_box : callable, optional
-        For speed: ``gray_box(u, y, theta)``, a search for the parameters behind outputs
+    search : callable, optional
+        For speed: ``search(u, y, theta)``, a search for the parameters behind outputs
         (B, N), from (B, p), instead of that by differences; gives (B, p) and whether it
         converged (B,).
     search_limits : dict, optional
         Parameters to how far they are searched; by default half a range beyond the prior,
         parameters that are positive staying so.
-    reach : callable, optional
-        ``reach()``: lowest and highest coordinates, (m,) each, that agents choose from; by
-        default what the prior's plants need and a quarter more (`yawrate_env.plant.action_bounds`).
+    action_bounds : callable, optional
+        ``action_bounds()``: lowest and highest coordinates, (m,) each, that agents choose from;
+        by default what the prior's plants need and a quarter more
+        (`yawrate_env.plant.action_bounds`).
     loop : callable, optional
         ``loop(theta, gains)``, of one plant: parameters (p,) and gains (k,) to the `ClosedLoop`
         that reports draw.
-    black_box : Laguerre, optional
-        Functions that explain every plant; otherwise so many as it takes, with a pole that
-        suits the prior.
+    black_box : tuple, optional
+        Order and pole [rad/s] of the Laguerre basis of the reference model; chosen
+        automatically if omitted.
     """
 
     prior: Mapping[str, Range]
     simulate: Callable[[Array, Array, Any], Array]
-    design: Callable[[Array], Array]
+    design: Callable[[Array], Array | tuple[Array, Flags]]
     gains: tuple[str, ...]
     u: Array
     Ts: float
     noise: Noise = 0.0
-    judge: Callable[[Array, Array], Array] | None = None
-    figures: Mapping[str, float | Figure] = field(default_factory=dict)
+    evaluate: Callable[[Array, Array], Array | tuple[Array, Flags]] | None = None
+    metrics: Mapping[str, float | Metric] = field(default_factory=dict)
     target: tuple[float, ...] | None = None
-    coordinates: Coordinates = LOG
+    parametrisation: Parametrisation = LOG
     measured: Mapping[str, float] = field(default_factory=dict)
-    excite: Callable[[Words], Array] | None = None
+    excite: Callable[[Integers], Array] | None = None
     linear: bool = False
     crossover: float | None = None
     plausible: tuple[float, float] = (np.inf, np.inf)
     batched: bool = True
     signals: tuple[str, str] = ("u", "y")
+    labels: Mapping[str, str] = field(default_factory=dict)
+    synonyms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    messages: Mapping[str, str] = field(default_factory=dict)
     entry: str = ""
-    record: Callable[[Array, Array, Words], Array] | None = None
-    gray_box: Search | None = None
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    extrapolation: Mapping[str, Range] = field(default_factory=dict)
+    record: Callable[[Array, Array, Integers], Array] | None = None
+    search: Search | None = None
     search_limits: Mapping[str, Range] = field(default_factory=dict)
-    reach: Callable[[], tuple[Array, Array]] | None = None
+    action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
-    black_box: Laguerre | None = None
+    black_box: tuple[int, float] | None = None
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -183,29 +207,29 @@ class Plant:
 
     @property
     def unknown(self) -> NDArray[np.intp]:
-        """(q,) which parameters a recording must tell: neither measured nor a point."""
+        """(q,) indices of the parameters to estimate: neither measured nor a point."""
         return np.flatnonzero([n not in self.measured and self._open(n) for n in self.prior])
 
     @property
     def known(self) -> NDArray[np.intp]:
-        """(p - q,) all other parameters."""
+        """(p - q,) indices of all other parameters."""
         return np.setdiff1d(np.arange(len(self.prior)), self.unknown)
 
     @property
-    def shown_names(self) -> tuple[str, ...]:
-        """The measured parameters that the prior leaves open."""
+    def measured_names(self) -> tuple[str, ...]:
+        """Names of the measured parameters that the prior leaves open."""
         return tuple(name for name in self.prior if name in self.measured and self._open(name))
 
-    def places(self, names: Iterable[str]) -> list[int]:
-        """Where parameters of these names stand among the p."""
+    def indices(self, names: Iterable[str]) -> list[int]:
+        """Indices of the parameters with these names."""
         return [list(self.prior).index(name) for name in names]
 
-    def shown(self, theta: Array) -> Array:
-        """These (B, m), in logarithms where positive: features beside the recording's own."""
-        columns = [theta[:, i] for i in self.places(self.shown_names)]
+    def measured_features(self, theta: Array) -> Array:
+        """Measured parameters (B, m) as features: logarithms of positive ones."""
+        columns = [theta[:, i] for i in self.indices(self.measured_names)]
         columns = [
             np.log(values) if self.prior[name][0] > 0 else values
-            for name, values in zip(self.shown_names, columns, strict=True)
+            for name, values in zip(self.measured_names, columns, strict=True)
         ]
         return np.stack(columns, axis=1) if columns else np.empty((len(theta), 0))
 
@@ -220,9 +244,9 @@ class Plant:
             ends[:, i] = self.search_limits.get(name, ends[:, i])
         return ends[0], ends[1]
 
-    def possible(self, name: str, value: Any) -> float:
+    def check_value(self, name: str, value: Any) -> float:
         """A parameter's value, or ``ValueError`` where the simulator was not made for it."""
-        (i,) = self.places((name,))
+        (i,) = self.indices((name,))
         low, high = (float(end[i]) for end in self.limits)
         unit = split(name)[1]
         first = f"Give it in {unit}, or describe" if unit else "Describe"
@@ -243,21 +267,23 @@ class Plant:
         def simulated(t: Array, v: Array | None = None) -> Array:
             return self.simulate(t, given[0].copy() if v is None else v, rng)
 
-        return self._each("simulate", simulated, given.shape[1], theta, *own)
+        return self._each("simulate", simulated, given.shape[1], theta, *own)[0]
 
-    def inputs(self, words: Words) -> Array:
-        """Inputs of B experiments, (1, N) or (B, N), from a random word each."""
+    def inputs(self, integers: Integers) -> Array:
+        """Inputs of B experiments, (1, N) or (B, N), from a random integer each."""
         if self.excite is None:
             return self.u[None]
-        u = validation.float_array("excite's answer", called("excite", self.excite, words))
+        u = validation.float_array("excite's answer", call("excite", self.excite, integers))
         if u.ndim != 2:
-            raise ValueError(f"excite gave shape {u.shape}. Give an input for each word, (B, N).")
+            raise ValueError(
+                f"excite gave shape {u.shape}. Give an input for each integer, (B, N)."
+            )
         return u
 
-    def measure(self, theta: Array, u: Array, keys: Words, rng: Any = None) -> Array:
+    def measure(self, theta: Array, u: Array, keys: Integers, rng: Any = None) -> Array:
         """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4)."""
         if self.record is not None:
-            return np.asarray(called("record", self.record, theta, u, keys))
+            return np.asarray(call("record", self.record, theta, u, keys))
         clean = np.ascontiguousarray(self.respond(theta, u, rng))
         sigma = self.sigma(clean).copy()
         measured = np.empty_like(clean)
@@ -270,7 +296,7 @@ class Plant:
 
     def sigma(self, clean: Array) -> Array:
         """Standard deviations of the measurement noise, (B,)."""
-        value = called("noise", self.noise, clean) if callable(self.noise) else self.noise
+        value = call("noise", self.noise, clean) if callable(self.noise) else self.noise
         sigma = validation.float_array("noise's answer", value)
         if sigma.shape not in ((), (1,), (len(clean),)):
             raise ValueError(f"noise gave shape {sigma.shape}, wanted {(len(clean),)}.")
@@ -278,65 +304,126 @@ class Plant:
 
     def oracle(self, theta: Array) -> Array:
         """Gains (B, k) of the design rule that knows the parameters."""
-        return self._each("design", self.design, len(self.gains), theta)
+        return self.designs(theta)[0]
 
-    def judged(self, theta: Array, gains: Array) -> Array:
-        """Figures (B, f) of gains; ``nan`` where there are no gains or the loop is unstable."""
-        if self.judge is None:
+    def designs(self, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Gains (B, k) of the design rule, and whether they exist and reach the target (B,).
+
+        Nothing should be learned from gains that only come near it.
+        """
+        gains, reached = self._each("design", self.design, len(self.gains), theta)
+        found = np.isfinite(gains).all(axis=1)
+        return gains, np.asarray(found if reached is None else found & reached)
+
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """Names of the f metrics that count in the reward; others are only reported."""
+        return tuple(name for name in self.metrics if self._settings(name).counts)
+
+    def evaluation(self, theta: Array, gains: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """All metrics (B, m) of gains as `evaluate` gives them, and whether loops are stable."""
+        if self.evaluate is None:
             with np.errstate(divide="ignore", invalid="ignore"):
-                return np.asarray(gains / self.oracle(theta) - 1)
-        usable, f = np.isfinite(gains).all(axis=1), len(self.figures)
-        figures = np.full((len(theta), f), np.nan)
+                values = np.asarray(gains / self.oracle(theta) - 1)
+            return values, np.asarray(~np.isnan(values).any(axis=1))
+        usable = np.isfinite(gains).all(axis=1)
+        values = np.full((len(theta), len(self.metrics)), np.nan)
+        stable = np.zeros(len(theta), dtype=np.bool_)
         if usable.any():
-            figures[usable] = self._each("judge", self.judge, f, theta[usable], gains[usable])
-        return figures
+            width, given = len(self.metrics), (theta[usable], gains[usable])
+            found, known = self._each("evaluate", self.evaluate, width, *given)
+            values[usable] = found
+            undefined = np.isnan(found[:, self._counted]).any(axis=1)
+            stable[usable] = ~undefined if known is None else known
+        return values, stable
 
-    def wanted(self, theta: Array) -> Array:
-        """Figures (B, f) that the design rule aims at, or else what it reaches."""
+    def metric_values(self, theta: Array, gains: Array) -> Array:
+        """Counted metrics (B, f) of gains.
+
+        ``nan`` where there are no gains or the loop is unstable, ``inf`` where it is stable and
+        a metric is undefined.
+        """
+        values, stable = self.evaluation(theta, gains)
+        values = values[:, self._counted]
+        defined = np.where(np.isfinite(values), values, np.inf)
+        return np.where(stable[:, None], defined, np.nan)
+
+    def targets(self, theta: Array) -> Array:
+        """Counted metrics (B, f) that the design rule aims at, or else what it reaches."""
         if self.target is not None:
             return np.tile(np.array(self.target), (len(theta), 1))
-        return self.judged(theta, self.oracle(theta))
+        return self.metric_values(theta, self.oracle(theta))
 
-    def closed(self, theta: Array, gains: Array) -> ClosedLoop | None:
+    def closed_loop(self, theta: Array, gains: Array) -> ClosedLoop | None:
         """The loop of gains (k,) around one plant (p,); None where there is nothing to draw."""
         if self.loop is None or not np.isfinite(gains).all():
             return None
-        drawn = called("loop", self.loop, theta.copy(), gains.copy())
+        drawn = call("loop", self.loop, theta.copy(), gains.copy())
         remedy = "Give responses, an open loop, or both."
         validation.instance("loop's answer", drawn, ClosedLoop, remedy=remedy)
         return drawn  # type: ignore[no-any-return]
 
     def errors(self, theta: Array, gains: Array) -> Array:
-        """Figures' distances from those wanted, (B, f), in units of their own."""
-        return np.asarray(self.judged(theta, gains) - self.wanted(theta))
+        """Distances of the counted metrics from their targets, (B, f), in their own units."""
+        return np.asarray(self.metric_values(theta, gains) - self.targets(theta))
 
     def reward(self, theta: Array, gains: Array) -> Array:
-        """Reward (B,) between -5 and 0, graded as the yaw-rate environment's is."""
-        return self.earned(self.errors(theta, gains))
+        """Reward (B,) between -5 and 0 (`yawrate_env.plant.reward`)."""
+        return self.reward_of(self.errors(theta, gains))
 
-    def earned(self, errors: Array) -> Array:
-        """Reward (B,) of figures' distances from those wanted (B, f)."""
-        e = np.sqrt(((errors / self.figure("scale")) ** 2).sum(axis=1))
-        return np.where(np.isnan(e), UNSTABLE, graded(e))
+    def reward_of(self, errors: Array) -> Array:
+        """Reward (B,) of the metrics' distances from their targets (B, f)."""
+        return reward(errors / self.metric_setting("scale"))
 
-    def figure(self, of: str) -> Array:
-        """(f,) ``scale``, ``error`` or ``spread`` of the figures."""
-        return np.array([getattr(figure, of) for figure in self.figures.values()])
+    def metric_setting(self, of: str) -> Array:
+        """(f,) ``scale``, ``error`` or ``spread`` of the counted metrics."""
+        return np.array([getattr(self._settings(name), of) for name in self.counted])
+
+    def label(self, name: str) -> str:
+        """A parameter's name in logs, checks and results, with its unit."""
+        return self.labels.get(name, name)
+
+    def _settings(self, name: str) -> Metric:
+        settings = self.metrics[name]
+        assert isinstance(settings, Metric)  # since the checks
+        return settings
+
+    @property
+    def _counted(self) -> list[int]:
+        return [list(self.metrics).index(name) for name in self.counted]
 
     def _open(self, name: str) -> bool:
         low, high = self.prior[name]
         return low < high
 
-    def _each(self, name: str, function: Callable[..., Any], width: int, *arrays: Array) -> Array:
-        """Call for the batch, or for one at a time, and check the shape."""
+    def _each(
+        self, name: str, function: Callable[..., Any], width: int, *arrays: Array
+    ) -> tuple[Array, NDArray[np.bool_] | None]:
+        """Call for the batch, or for one at a time, and check the shape.
+
+        The second answer is that of a function that gives a pair.
+        """
         arrays = tuple(array.copy() for array in arrays)  # theirs to write into
-        answer = f"{name}'s answer"
+        count, answer = len(arrays[0]), f"{name}'s answer"
+        flags: Any = None
         if self.batched:
-            values = validation.float_array(answer, called(name, function, *arrays))
+            values = call(name, function, *arrays)
+            if isinstance(values, tuple) and len(values) == 2:
+                values, flags = values
         else:
-            each = (called(name, function, *row) for row in zip(*arrays, strict=True))
-            rows: Any = [validation.float_array(answer, row) for row in each]
-            values = validation.float_array(answer, rows)
-        if values.shape != (len(arrays[0]), width):
-            raise ValueError(f"{name} gave shape {values.shape}, wanted {(len(arrays[0]), width)}.")
-        return values
+            values = [call(name, function, *row) for row in zip(*arrays, strict=True)]
+            if values and isinstance(values[0], tuple) and len(values[0]) == 2:
+                values, flags = zip(*values, strict=True)
+            values = [validation.float_array(answer, row) for row in values]
+        values = validation.float_array(answer, values)
+        if values.shape != (count, width):
+            raise ValueError(f"{name} gave shape {values.shape}, wanted {(count, width)}.")
+        if flags is None:
+            return values, None
+        flags = np.asarray(flags)
+        if flags.shape != (count,) or flags.dtype != np.bool_:
+            raise ValueError(
+                f"{name} gave a pair whose second part has shape {flags.shape} and type "
+                f"{flags.dtype}, wanted {(count,)} and bool."
+            )
+        return values, flags

@@ -1,8 +1,8 @@
-"""The reward: closed-loop margin error.
+"""The reward: distance of a loop's metrics from their targets.
 
-    e = hypot((phase margin - target)/10 deg, (crossover - target)/0.25 Hz)
+    e = |(metric - target) / scale|          over the metrics that count
     reward = -e / (1 + e/4)          stable loops: in (-4, 0], slope -1 at the target
-    reward = -4                      stable without a crossover
+    reward = -4                      stable, with an undefined metric
     reward = -5                      unstable
 
 Unlike a clipped error it still slopes when far off, and no unstable loop can be worth
@@ -12,36 +12,19 @@ more than a stable one.
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.loop.target import Target
-
-PHASE_SCALE = 10.0
-CROSSOVER_SCALE = 0.25
 WORST_STABLE = -4.0
 UNSTABLE = -5.0
 
 
-def margin_error(
-    phase_margin: NDArray[np.float64], crossover: NDArray[np.float64], target: Target
-) -> NDArray[np.float64]:
-    """Scaled distance from the target, (B,) of [deg] and (B,) of [Hz] to (B,)."""
-    return np.hypot(
-        (phase_margin - target.phase_margin) / PHASE_SCALE,
-        (crossover - target.crossover) / CROSSOVER_SCALE,
-    )
+def distance(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Euclidean norm (B,) of scaled errors (B, f)."""
+    return np.asarray(np.abs(np.hypot.reduce(scaled, axis=1)))
 
 
-def reward(
-    phase_margin: NDArray[np.float64],
-    crossover: NDArray[np.float64],
-    stable: NDArray[np.bool_],
-    target: Target,
-) -> NDArray[np.float64]:
-    """Reward of B loops, between -5 and 0."""
-    return np.where(stable, graded(margin_error(phase_margin, crossover, target)), UNSTABLE)
-
-
-def graded(e: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Reward of stable loops with scaled errors `e`, not finite where there is none."""
+def reward(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Reward (B,) of scaled errors (B, f); ``nan`` where unstable, ``inf`` where undefined."""
+    e = distance(scaled)
     finite = np.isfinite(e)
-    e = np.where(finite, e, 0.0)
-    return np.where(finite, WORST_STABLE * e / (e - WORST_STABLE), WORST_STABLE)
+    stable = np.where(finite, e, 0.0)
+    graded = np.where(finite, WORST_STABLE * stable / (stable - WORST_STABLE), WORST_STABLE)
+    return np.where(np.isnan(scaled).any(axis=1), UNSTABLE, graded)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env import validation
-from yawrate_env.plant.calls import called, said
+from yawrate_env.plant.calls import call, said
 
 if TYPE_CHECKING:
     from yawrate_env.plant.plant import Plant
@@ -27,7 +27,7 @@ def check_functions(plant: "Plant") -> None:
                       "deviations.")  # fmt: skip
     if plant.record is not None:
         _tried(plant, "record", lambda: plant.measure(theta, u, _KEYS), len(plant.u))
-    if plant.gray_box is not None:
+    if plant.search is not None:
         _check_search(plant, theta, y)
     none: list[bool] = []  # whether there are none for the plant in the middle
 
@@ -40,8 +40,8 @@ def check_functions(plant: "Plant") -> None:
     if none[0]:
         return
     _check_coordinates(plant, gains)
-    _tried(plant, "judge", lambda: plant.judged(theta, gains), len(plant.figures))
-    _said_where("loop", plant.closed, theta[0], gains[0])
+    _tried(plant, "evaluate", lambda: plant.metric_values(theta, gains), len(plant.metrics))
+    _said_where("loop", plant.closed_loop, theta[0], gains[0])
 
 
 def _check_simulator(plant: "Plant", theta: Array) -> tuple[Array, Array]:
@@ -62,7 +62,7 @@ def _check_search(plant: "Plant", theta: Array, y: Array) -> None:
     answers: list[Any] = []
 
     def found() -> Any:
-        pair = called("gray_box", plant.gray_box, plant.u[None], y, theta)  # type: ignore[arg-type]
+        pair = call("gray_box", plant.search, plant.u[None], y, theta)  # type: ignore[arg-type]
         if not isinstance(pair, tuple) or len(pair) != 2:
             raise ValueError(
                 f"gray_box gave a {type(pair).__name__}. Give parameters (B, p) and whether the "
@@ -95,7 +95,7 @@ def _check_coordinates(plant: "Plant", gains: Array) -> None:
 def _named(way: str, plant: "Plant", values: Array) -> tuple[Any, ...]:
     """What `_said_where` needs to call one of the coordinates' functions."""
     name = f"coordinates.{way}"
-    return name, called, name, getattr(plant.coordinates, way), values
+    return name, call, name, getattr(plant.parametrisation, way), values
 
 
 def _tried(plant: "Plant", name: str, call: Callable[[], Any], columns: int) -> Array:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.loop.discretisation import DiscretePlant, zoh
+from yawrate_env.loop.loops import Loops
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
 from yawrate_env.signals.noise import KEY_WORDS, add_white_noise
 from yawrate_env.signals.streams import uniform
@@ -56,6 +57,11 @@ class Draw:
 def plants(vehicle: Vehicle, context: Context, Ts: float) -> DiscretePlant:
     """ZOH plants of the batch at `Ts` [s], from steering command to yaw rate."""
     return zoh(*state_space(vehicle, context), Ts)
+
+
+def loops(task: Task, context: Context) -> Loops:
+    """PI loops around the linear vehicles, at the controller's sampling time."""
+    return Loops.of(plants(task.vehicle, context, task.target.Ts), task.target)
 
 
 def excitation(experiment: Experiment, start: NDArray[np.uint64]) -> NDArray[np.float64]:

@@ -4,14 +4,16 @@ The defaults are the paper's values, and our choices where the paper is silent: 
 speed, the excitation, and 1 kHz episodes for a controller that runs at 100 Hz.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Self
 
 import numpy as np
 
 from yawrate_env import validation
 from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.single_track import LARGEST, SMALLEST, Vehicle
-from yawrate_env.vehicle.twin import LinearTwin, Twin
+from yawrate_env.vehicle.twin import LinearTwin, Twin, twin_from
 
 REGISTERS = ("same", "random")
 
@@ -111,4 +113,19 @@ class Task:
             self.vehicle.M_0 + self.prior.M_delta[0],
             above=0.0,
             remedy="Raise M_0 or the low end of M_delta.",
+        )
+
+    def settings(self) -> dict[str, Any]:
+        """The task as plain JSON values."""
+        return asdict(self)
+
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> Self:
+        """Rebuild the task that `settings` wrote."""
+        return cls(
+            Vehicle(**settings["vehicle"]),
+            Prior(**{name: tuple(values) for name, values in settings["prior"].items()}),
+            Experiment(**settings["experiment"]),
+            Target(**settings["target"]),
+            twin=twin_from(settings.get("twin", {})),
         )

@@ -72,7 +72,7 @@ def pictures(traces: Traces, residuals: Residuals, input: str, **more: Any) -> d
     return {name: figures.svg(picture, name) for name, picture in drawn.items()}
 
 
-def judged(name: str, interval: Interval, unit: str) -> Number:
+def shown_interval(name: str, interval: Interval, unit: str) -> Number:
     """A figure as the verdict shows it: name, value with its unit, and the interval below."""
     value, _, below = minus(between(interval, unit)).partition(", ")
     below = below.replace(" %", "\N{NO-BREAK SPACE}%")

@@ -7,15 +7,15 @@ import numpy as np
 
 from tuners.cli.report import loops
 from tuners.cli.report.figures import Traces
-from tuners.cli.report.layout import Residuals, judged, page, pictures, rows
+from tuners.cli.report.layout import Residuals, page, pictures, rows, shown_interval
 from tuners.cli.report.numbers import minus
 from tuners.cli.text import instead
 from tuners.export.forms import Forms
 from tuners.logs import Log
 from tuners.tuner.result import TuningResult
-from tuners.yaw_rate import IN_DEGREES, theta_of, yaw_rate
 from yawrate_env.files import write_text
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import IN_DEGREES, theta_of, yaw_rate
 
 LONGEST_LAG = 0.5  # [s]
 CHECKS = {
@@ -57,8 +57,8 @@ def render(result: TuningResult, log: Log, task: Task, tuner: str) -> str:
         numbers=[
             ("Gain kp", f"{result.kp:.4g}", "s", ""),
             ("Integral time Ti", f"{result.Ti:.4g}", "s", ""),
-            judged("Phase margin", result.phase_margin, "°"),
-            judged("Crossover", result.crossover, " Hz"),
+            shown_interval("Phase margin", result.phase_margin, "°"),
+            shown_interval("Crossover", result.crossover, " Hz"),
         ],
         forms=Forms.of(result.kp, result.Ti, task.target),
         assumed=_assumed(result, log, task, tuner),

@@ -6,7 +6,7 @@ import numpy as np
 
 from tuners.cli.report import loops
 from tuners.cli.report.figures import Traces
-from tuners.cli.report.layout import Residuals, judged, page, pictures, rows
+from tuners.cli.report.layout import Residuals, page, pictures, rows, shown_interval
 from tuners.cli.report.numbers import minus
 from tuners.cli.text import best, every
 from tuners.logs.plant_log import PlantLog
@@ -88,10 +88,10 @@ def _loop(result: PlantResult, plant: Plant) -> ClosedLoop | None:
 def _numbers(result: PlantResult) -> list[tuple[str, str, str, str]]:
     gains = [(name, minus(f"{value:.4g}"), "", "") for name, value in result.gains.items()]
     figures = []
-    for name, interval in result.figures.items():
+    for name, interval in result.metrics.items():
         words, unit = split(name)
         shown = {"deg": "°"}.get(unit, f" {unit}" if unit else "")
-        figures.append(judged(_capital(words), interval, shown))
+        figures.append(shown_interval(_capital(words), interval, shown))
     return gains + figures
 
 
@@ -116,7 +116,7 @@ def _checks(plant: Plant) -> dict[str, tuple[str, str]]:
     for name in plant.measured:
         words, unit = split(name)
         named[name] = f"{_capital(words)} outside what the tuner was made for", unit
-    for figure in plant.figures:
+    for figure in plant.metrics:
         words, unit = split(figure)
         off = f"{_capital(words)} off what the design rule reaches"
         named[check_name(figure, "spread")] = f"Standard deviation of the {words}", unit

@@ -2,7 +2,7 @@
 
 from yawrate_env.vehicle.nonlinear.body import Body
 from yawrate_env.vehicle.nonlinear.steering import Limits
-from yawrate_env.vehicle.nonlinear.twin import NonlinearTwin, twin_from
+from yawrate_env.vehicle.nonlinear.twin import NonlinearTwin
 from yawrate_env.vehicle.nonlinear.tyre import Tyre
 
-__all__ = ["Body", "Limits", "NonlinearTwin", "Tyre", "twin_from"]
+__all__ = ["Body", "Limits", "NonlinearTwin", "Tyre"]

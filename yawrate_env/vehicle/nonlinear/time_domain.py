@@ -51,7 +51,7 @@ def time_domain(
     Ti: NDArray[np.float64],
     yaw_rate: float = float(np.radians(5.0)),
 ) -> TimeDomain:
-    """Judge gains (B,) by a step of the yaw rate and a double lane change.
+    """Loops gains (B,) by a step of the yaw rate and a double lane change.
 
     Parameters
     ----------

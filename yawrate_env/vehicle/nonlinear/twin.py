@@ -14,7 +14,7 @@ from yawrate_env.vehicle.nonlinear.tyre import Tyre
 from yawrate_env.vehicle.nonlinear.vehicle import advance
 from yawrate_env.vehicle.nonlinear.workspace import COMMAND, YAW_RATE, block, packed
 from yawrate_env.vehicle.single_track import Context, Vehicle
-from yawrate_env.vehicle.twin import LinearTwin, Simulator, Twin
+from yawrate_env.vehicle.twin import Simulator
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +63,6 @@ class NonlinearTwin:
             return squares[: j - i]
 
         return simulate
-
-
-def twin_from(parameters: Mapping[str, Any]) -> Twin:
-    """The twin whose ``dataclasses.asdict`` these are; without parameters the linear one."""
-    return NonlinearTwin.of(**parameters) if parameters else LinearTwin()
 
 
 @kernel

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.tuner.recording import Recording
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.loop.discretisation import ObserverForm, zoh_with_sensitivity
 from yawrate_env.vehicle.single_track import (
@@ -61,7 +60,9 @@ class Identified:
 
 def identify(
     vehicle: Vehicle,
-    recording: Recording,
+    u: Array,
+    y: Array,
+    Ts: float,
     start: Context,
     v_x: Array,
     unknown: tuple[bool, bool] = (True, True),
@@ -70,6 +71,12 @@ def identify(
 
     Parameters
     ----------
+    u : (1, N) or (B, N) float64
+        Steering commands [rad].
+    y : (B, N) float64
+        Yaw rates [rad/s].
+    Ts : float
+        Sampling time [s].
     start : Context
         One vehicle, where the search starts.
     v_x : (B,) float64
@@ -78,18 +85,18 @@ def identify(
         Whether friction and mass are; what is known stays as it starts.
     """
     fixed = ~np.array(unknown)
-    count = len(recording)
+    count = len(y)
     theta = np.tile([np.log(start.mu_s[0]), np.log(total_mass(vehicle, start)[0])], (count, 1))
     best = np.full(count, np.inf)
     normal, slope = np.zeros((count, 2, 2)), np.zeros((count, 2))
     damping = np.full(count, 1e-6)
     step = np.zeros((count, 2))
     converged, steps = np.zeros(count, dtype=bool), np.zeros(count, dtype=np.int64)
-    rounding = _ROUNDING * np.einsum("bn,bn->b", recording.y, recording.y)
+    rounding = _ROUNDING * np.einsum("bn,bn->b", y, y)
     active = np.arange(count)
     for _ in range(_MAX_STEPS):
         trial = theta[active] + step[active]
-        gram = output_gram(vehicle, _context(vehicle, trial, v_x[active]), recording, active)
+        gram = output_gram(vehicle, _context(vehicle, trial, v_x[active]), u, y, Ts, active)
         steps[active] += 1
         better = gram[:, 0, 0] < best[active]
         to, frm = active[better], np.flatnonzero(better)
@@ -109,11 +116,11 @@ def identify(
         active = active[~done & (damping[active] < 1e8) & np.isfinite(best[active])]
         if not len(active):
             break
-    return Identified(_context(vehicle, theta, v_x), best / recording.y.shape[1], converged, steps)
+    return Identified(_context(vehicle, theta, v_x), best / y.shape[1], converged, steps)
 
 
 def output_gram(
-    vehicle: Vehicle, context: Context, recording: Recording, rows: NDArray[np.intp]
+    vehicle: Vehicle, context: Context, u: Array, y: Array, Ts: float, rows: NDArray[np.intp]
 ) -> Array:
     """Inner products over an episode of (error, d y/d log mu_s, d y/d log M_veh).
 
@@ -133,7 +140,7 @@ def output_gram(
     A, B, C = state_space(vehicle, context)
     by_log = np.stack([context.mu_s, total_mass(vehicle, context)], axis=1)
     dA = state_space_sensitivity(vehicle, context) * by_log[:, :, None, None]
-    plant, dAd, dBd = zoh_with_sensitivity(A, B, C, dA, recording.Ts)
+    plant, dAd, dBd = zoh_with_sensitivity(A, B, C, dA, Ts)
     form = ObserverForm.of(plant)
     by_alpha, by_beta = (d.swapaxes(0, 1) for d in form.sensitivity(plant, dAd, dBd))
     parts = (form.centre[:, None], form.alpha, form.beta, *by_alpha, *by_beta)
@@ -144,10 +151,10 @@ def output_gram(
     def one_block(i: int, j: int) -> None:
         lanes = np.minimum(np.arange(i, i + width), j - 1)
         episodes = rows[lanes]
-        u = recording.u[episodes] if len(recording.u) > 1 else recording.u
+        own = u[episodes] if len(u) > 1 else u
         work = np.zeros((_ROWS, width))
         work[:_STATE] = packed[lanes].T
-        _gram(width)(u, recording.y, episodes, work.reshape(-1))
+        _gram(width)(own, y, episodes, work.reshape(-1))
         sums = work[_SUMS:, : j - i]
         upper = np.triu_indices(3)
         gram[i:j, upper[0], upper[1]] = sums.T

@@ -1,60 +1,73 @@
-"""The yaw-rate case: a `Task`'s vehicles as a plant like any other.
+"""The paper's case as a plant: a `Task`'s vehicles, experiment and loop target.
 
-Every tuner for vehicles gets its data, its training, its trust and its intervals from
-`tuners.plants` by this description; what it adds are the vehicle's own names and units.
+Parameters are ``(mu_s, M_delta, v_x)``: friction and extra mass are unknown, the speed is
+measured with every recording.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features.laguerre import Laguerre
-from tuners.trust import vehicle_identification as identification
-from tuners.trust.identification import identify
-from tuners.tuner.recording import Recording
 from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.discretisation import DiscretePlant
-from yawrate_env.loop.target import Target
-from yawrate_env.plant.metric import Figure
-from yawrate_env.plant.parametrisation import PLAIN, Coordinates, loop
-from yawrate_env.plant.pi_loop import GAINS, PILoop
-from yawrate_env.plant.plant import Plant, Range, Search, snr
+from yawrate_env.loop.loops import Loops
+from yawrate_env.plant.metric import Metric
+from yawrate_env.plant.parametrisation import loop
+from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE, PILoop
+from yawrate_env.plant.plant import Plant, Range, snr
 from yawrate_env.plant.responses import ClosedLoop
-from yawrate_env.plant.reward import CROSSOVER_SCALE, PHASE_SCALE
-from yawrate_env.vehicle.episode import excitation, plants, respond
-from yawrate_env.vehicle.judge import Judge
+from yawrate_env.vehicle.episode import excitation, loops, plants, respond
 from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
+from yawrate_env.vehicle.search import identify
 from yawrate_env.vehicle.single_track import LARGEST, Context
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.twin import LinearTwin
 
 Array = NDArray[np.float64]
-Words = NDArray[np.uint64]
+Integers = NDArray[np.uint64]
 
 SPEED_SLACK = 0.25
 """How far outside the prior a recording's speed may lie [m/s]."""
 
-BLACK_BOX = Laguerre(order=20, pole=12.0)
+BLACK_BOX = (20, 12.0)
 """Explains vehicles from 10 to 33 m/s to -45 dB or better, at 20 m/s to -80 dB."""
 
-FIGURES = {
-    "phase margin [deg]": Figure(PHASE_SCALE, error=1.5, spread=0.5),
-    "crossover [Hz]": Figure(CROSSOVER_SCALE, error=0.075, spread=0.025),
+METRICS = {
+    "phase_margin [deg]": Metric(PHASE_SCALE, error=1.5, spread=0.5),
+    "crossover [Hz]": Metric(CROSSOVER_SCALE, error=0.075, spread=0.025),
+    "gain_margin [dB]": Metric(np.inf),
 }
 
+LABELS = {"mu_s": "friction", "M_delta": "extra mass [kg]", "v_x": "speed [m/s]"}
+
+MESSAGES = {
+    "implausible": f"Steering beyond {np.degrees(LARGEST_ANGLE):.0f} deg or a yaw rate beyond "
+    f"{LARGEST_YAW_RATE:g} rad/s: check the units.",
+    "misfit": "No vehicle in the prior reproduces this recording: check units, signs, sampling "
+    "time, delays between the channels, speed and the vehicle's data.",
+    "response": "At the crossover the recording responds otherwise than the fitted vehicle: "
+    "check speed, sampling time and the vehicle's data.",
+    "noise": "The yaw rate hardly follows the command: too little steering, a dead or noisy "
+    "sensor, or the sensor of another vehicle.",
+    "colour": "Something other than the command moves the yaw rate around the crossover: a "
+    "disturbance, a drift or a sensor fault.",
+    "outside": "The fitted vehicle lies outside the range that the tuner was made for.",
+    "phase_margin_error": "With the fitted vehicle these gains miss the target.",
+    "crossover_error": "With the fitted vehicle these gains miss the target.",
+    "unsolved": "The target cannot be reached, or the numerics did not converge.",
+    "speed": "The recording's speed is not one that the tuner was made for: train one for it, "
+    "or use one for every speed.",
+}
+
+EXTRAPOLATION = {"mu_s": (1.1, 1.3), "M_delta": (300.0, 500.0)}
+"""Stickier and heavier than anything in eq. (12)."""
 
 IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
 """What pictures show."""
-
-COORDINATES: dict[str, Callable[[Target], Coordinates]] = {
-    "loop": loop,
-    "gains": lambda target: PLAIN,
-}
 
 _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
 _SLOWEST = 0.1  # m/s: at rest the single-track vehicle has no steady answer
@@ -70,30 +83,28 @@ def theta_of(context: Context) -> Array:
     return np.stack([context.mu_s, context.M_delta, context.v_x], axis=1)
 
 
+def from_settings(**task: Any) -> Plant:
+    """The plant of a task that `Task.settings` wrote: what saved tuners name as their entry."""
+    return yaw_rate(Task.of(task))
+
+
 @lru_cache(maxsize=32)
-def yaw_rate(task: Task, coordinates: str = "loop") -> Plant:
-    """Describe a task's vehicles, experiment and loop target.
+def yaw_rate(task: Task) -> Plant:
+    """Describe a task's vehicles, experiment and loop target as a plant.
 
-    Friction and extra mass are unknown, but where the prior is a point; the speed is
-    measured with every recording.  The simulator is the task's twin, judged in its
-    linearisation.
-
-    Parameters
-    ----------
-    coordinates : {"loop", "gains"}
-        What a learner predicts (`tuners.tuner.coordinates`).
+    The simulator is the task's twin; loops are evaluated on its linearisation.
     """
     experiment, prior, vehicles = task.experiment, task.prior, Vehicles(task)
-    plant = Plant(
+    return Plant(
         prior={"mu_s": prior.mu_s, "M_delta": prior.M_delta, "v_x": prior.v_x},
         measured={"v_x": SPEED_SLACK},
         simulate=vehicles.simulate,
         design=vehicles.design,
-        judge=vehicles.judge,
+        evaluate=vehicles.evaluate,
         gains=GAINS,
-        figures=FIGURES,
+        metrics=METRICS,
         target=(task.target.phase_margin, task.target.crossover),
-        coordinates=COORDINATES[coordinates](task.target),
+        parametrisation=loop(task.target),
         u=excitation(experiment, np.zeros(1, np.uint64))[0],
         excite=vehicles.excite if experiment.register == "random" else None,
         Ts=experiment.Ts,
@@ -102,25 +113,29 @@ def yaw_rate(task: Task, coordinates: str = "loop") -> Plant:
         crossover=task.target.crossover,
         plausible=(LARGEST_ANGLE, LARGEST_YAW_RATE),
         signals=("steering command [rad]", "yaw rate [rad/s]"),
+        labels=LABELS,
+        messages=MESSAGES,
         record=vehicles.record,
+        search=vehicles.search if vehicles.linear else None,
         search_limits=vehicles.limits(),
-        reach=vehicles.reach if coordinates == "loop" else None,
+        action_bounds=vehicles.action_bounds,
         loop=vehicles.loop,
         black_box=BLACK_BOX,
+        entry=f"{__name__}:{from_settings.__name__}",
+        arguments=task.settings(),
+        extrapolation=EXTRAPOLATION,
     )
-    search = vehicles.search if vehicles.linear else Refined(plant, vehicles.search)
-    return replace(plant, gray_box=search)
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicles:
-    """What a plant's description asks of a task's vehicles: parameters (mu_s, M_delta, v_x)."""
+    """The functions of a task's plant, for parameters (mu_s, M_delta, v_x)."""
 
     task: Task
 
     @property
     def linear(self) -> bool:
-        """Whether the twin is."""
+        """Whether the twin is linear."""
         return isinstance(self.task.twin, LinearTwin)
 
     def simulate(self, theta: Array, u: Array, rng: Any) -> Array:
@@ -135,30 +150,35 @@ class Vehicles:
         over_blocks(work, len(theta), LANES)
         return y
 
-    def record(self, theta: Array, u: Array, keys: Words) -> Array:
+    def record(self, theta: Array, u: Array, keys: Integers) -> Array:
         """Measured yaw rates, as the environment has them."""
         return np.asarray(respond(self.task, context_of(theta), u, keys), dtype=np.float64)
 
-    def excite(self, words: Words) -> Array:
-        """A random register each."""
-        return excitation(self.task.experiment, words)
+    def excite(self, integers: Integers) -> Array:
+        """A random register for each."""
+        return excitation(self.task.experiment, integers)
 
-    def design(self, theta: Array) -> Array:
-        """Gains (B, 2) that give the target; ``nan`` where a PI misses it."""
-        found = Judge.of(self.task, context_of(theta)).oracle()
-        gains = np.stack([found.kp, found.Ti], axis=1)
-        return np.where(found.status[:, None] == Status.OK, gains, np.nan)
+    def loops(self, theta: Array) -> Loops:
+        """PI loops around the linear vehicles."""
+        return loops(self.task, context_of(theta))
 
-    def judge(self, theta: Array, gains: Array) -> Array:
-        """Phase margin [deg] and crossover [Hz], (B, 2)."""
-        return self._pi().judge(theta, gains)
+    def design(self, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Gains (B, 2), and whether they reach the target; ``nan`` where no PI comes near it."""
+        found = self.loops(theta).design()
+        return np.stack([found.kp, found.Ti], axis=1), found.status == Status.OK
+
+    def evaluate(self, theta: Array, gains: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Phase margin [deg], crossover [Hz] and gain margin [dB] (B, 3), and stability (B,)."""
+        found = self.loops(theta).evaluate(*gains.T)
+        margins = found.margins.phase_margin, found.margins.crossover, found.margins.gain_margin
+        return np.stack(margins, axis=1), found.stable
 
     def loop(self, theta: Array, gains: Array) -> ClosedLoop:
         """One vehicle's, for small steps: in degrees, as people read them."""
-        return self._pi(IN_DEGREES).around(theta, gains)
-
-    def _pi(self, signals: tuple[str, str] = ("", "")) -> PILoop:
-        return PILoop(self.discrete, self.task.experiment.Ts, self.task.target, signals)
+        task = self.task
+        return PILoop(self.discrete, task.experiment.Ts, task.target, IN_DEGREES).around(
+            theta, gains
+        )
 
     def discrete(self, theta: Array, Ts: float) -> DiscretePlant:
         """The linear vehicles at a sampling time [s]."""
@@ -168,12 +188,11 @@ class Vehicles:
         """The linear vehicle behind recordings, by exact sensitivities, compiled."""
         task = self.task
         friction, mass = (low < high for low, high in (task.prior.mu_s, task.prior.M_delta))
-        recording = Recording(u, y, task.experiment.Ts)
         start, speeds = context_of(theta[:1]), theta[:, 2]
-        found = identification.identify(task.vehicle, recording, start, speeds, (friction, mass))
+        found = identify(task.vehicle, u, y, task.experiment.Ts, start, speeds, (friction, mass))
         return theta_of(found.context), found.converged
 
-    def reach(self) -> tuple[Array, Array]:
+    def action_bounds(self) -> tuple[Array, Array]:
         """Log magnitudes and phases [rad] of the controller at the crossover, for agents.
 
         The magnitudes that vehicles of the prior need and half an octave more; most of the
@@ -184,8 +203,8 @@ class Vehicles:
             *(np.linspace(*ends, 3) for ends in (prior.mu_s, prior.M_delta, prior.v_x))
         )
         context = Context.of(*(axis.ravel() for axis in grid))
-        judge = Judge.of(self.task, context)
-        magnitude, phase = required_response(judge.transfer_function, self.task.target)
+        found = loops(self.task, context)
+        magnitude, phase = required_response(found.transfer_function, self.task.target)
         spare = 0.5 * np.log(2)
         steepest = np.clip(np.degrees(phase.min()) - 2.0, -89.0, -75.0)
         phases = np.radians([steepest, -0.5])
@@ -211,18 +230,3 @@ class Vehicles:
             name: (min(low, ranges[name][0]), max(high, ranges[name][1]))
             for name, (low, high) in limits.items()
         }
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Refined:
-    """A search by differences that starts from where a rougher one ends."""
-
-    plant: Plant
-    rough: Search
-
-    def __call__(self, u: Array, y: Array, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Find parameters (B, 3) behind outputs (B, N), and whether the search converged."""
-        start = np.clip(self.rough(u, y, theta)[0], *self.plant.limits)
-        start[:, self.plant.known] = theta[:, self.plant.known]
-        found = identify(self.plant, u, y, start, beyond=True)
-        return found.theta, found.converged
