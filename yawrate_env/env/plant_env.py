@@ -14,7 +14,7 @@ from tuners.learners.actor import stretched
 from yawrate_env import validation
 from yawrate_env.env import interaction
 from yawrate_env.env.one_step import Observation, OneStepVectorEnv
-from yawrate_env.plant.action_bounds import corners, reach
+from yawrate_env.plant.action_bounds import action_bounds, corners
 from yawrate_env.plant.entry import find
 from yawrate_env.plant.episodes import Draw, designed, integers_of
 from yawrate_env.plant.names import ORACLE
@@ -189,7 +189,7 @@ def recordings(plant: Plant, obs: ArrayLike) -> tuple[Array, Array, Array, bool]
 
 def action_space(plant: Plant) -> Box:
     """Gains that coordinates within reach stand for."""
-    low, high = reach(plant)
+    low, high = action_bounds(plant)
     units = corners(-np.ones_like(low), np.ones_like(low))
     ends = plant.parametrisation.decode(stretched(units, low, high))
     gains = np.concatenate([designed(plant), ends[np.isfinite(ends).all(axis=1)]])
