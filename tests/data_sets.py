@@ -46,8 +46,16 @@ cars = yaw_rate(TASK)
 
 
 def made(
-    out, episodes=EPISODES, *, of=plant, set="train", stage=STAGE, shard_size=SHARD, count=1, **kwargs
-):  # fmt: skip
+    out,
+    episodes=EPISODES,
+    *,
+    of=plant,
+    set="train",
+    stage=STAGE,
+    shard_size=SHARD,
+    count=1,
+    **kwargs,
+):
     sizes = {"shard_size": shard_size, "workers": count}
     return generate(of, set, stage, episodes, 3, out, **sizes, **kwargs)
 

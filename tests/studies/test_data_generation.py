@@ -28,7 +28,7 @@ from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import recorded
 from yawrate_env.plant.fingerprint import changed, fingerprint
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
-from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 KINDS = pytest.mark.parametrize("of", [plant, rich, cars], ids=["simple", "rich", "cars"])

@@ -1,7 +1,6 @@
 """Data sets made by several processes and machines, and killed at every moment."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -11,7 +10,7 @@ from contextlib import contextmanager, suppress
 import numpy as np
 import psutil
 import pytest
-from data_sets import EPISODES, SHARD, contents, environment, made
+from data_sets import SHARD, contents, environment, made
 from first_order import plant
 
 from tuners.data import DatasetError, Folder
