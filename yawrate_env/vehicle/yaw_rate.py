@@ -18,7 +18,7 @@ from yawrate_env.loop.loops import Loops
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.parametrisation import loop
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE, PILoop
-from yawrate_env.plant.plant import Plant, Range, snr
+from yawrate_env.plant.plant import Out, Plant, Range, snr
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond
 from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
@@ -89,10 +89,16 @@ def from_settings(**task: Any) -> Plant:
 
 
 @lru_cache(maxsize=32)
-def yaw_rate(task: Task) -> Plant:
+def yaw_rate(task: Task, check: bool = True) -> Plant:
     """Describe a task's vehicles, experiment and loop target as a plant.
 
     The simulator is the task's twin; loops are evaluated on its linearisation.
+
+    Parameters
+    ----------
+    check : bool
+        False also accepts tasks for which no tuner can be trained, such as those whose vehicle
+        in the middle of the prior is unstable: environments show them nevertheless.
     """
     experiment, prior, vehicles = task.experiment, task.prior, Vehicles(task)
     return Plant(
@@ -124,6 +130,7 @@ def yaw_rate(task: Task) -> Plant:
         entry=f"{__name__}:{from_settings.__name__}",
         arguments=task.settings(),
         extrapolation=EXTRAPOLATION,
+        check=check,
     )
 
 
@@ -150,9 +157,9 @@ class Vehicles:
         over_blocks(work, len(theta), LANES)
         return y
 
-    def record(self, theta: Array, u: Array, keys: Integers) -> Array:
+    def record(self, theta: Array, u: Array, keys: Integers, out: Out) -> NDArray[np.floating]:
         """Measured yaw rates, as the environment has them."""
-        return np.asarray(respond(self.task, context_of(theta), u, keys), dtype=np.float64)
+        return respond(self.task, context_of(theta), u, keys, out)
 
     def excite(self, integers: Integers) -> Array:
         """A random register for each."""
