@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tuners.features import FirstStage
 from tuners.learners.actor import standardised
-from yawrate_env.plant.action_bounds import reach
+from yawrate_env.plant.action_bounds import action_bounds
 from yawrate_env.plant.episodes import recorded
 from yawrate_env.plant.parametrisation import Parametrisation, scale_to_bounds
 from yawrate_env.plant.plant import Plant
@@ -120,7 +120,7 @@ class ActionMap:
     @classmethod
     def of(cls, plant: Plant) -> Self:
         """All coordinates that an agent may choose."""
-        return cls(*reach(plant), plant.parametrisation)
+        return cls(*action_bounds(plant), plant.parametrisation)
 
     def gains(self, actions: NDArray[np.floating]) -> Array:
         """(B, m) in [-1, 1], clipped, to (B, k) gains."""

@@ -12,7 +12,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from yawrate_env import validation
-from yawrate_env.plant.action_bounds import corners, reach
+from yawrate_env.plant.action_bounds import action_bounds, corners
 from yawrate_env.plant.episodes import Draw, designed, integers_of
 from yawrate_env.plant.names import ORACLE, split
 from yawrate_env.plant.parametrisation import scale_to_bounds
@@ -189,7 +189,7 @@ class Interface:
 
 def action_box(plant: Plant) -> Box:
     """Gains that the coordinates within an agent's bounds stand for."""
-    low, high = reach(plant)
+    low, high = action_bounds(plant)
     units = corners(-np.ones_like(low), np.ones_like(low))
     ends = plant.parametrisation.decode(scale_to_bounds(units, low, high))
     gains = np.concatenate([designed(plant), ends[np.isfinite(ends).all(axis=1)]])

@@ -134,6 +134,12 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
     )
 
 
+@lru_cache(maxsize=1)
+def _loops(task: Task, theta: bytes) -> Loops:
+    """Keep the last, since reward and oracle are asked for the same vehicles."""
+    return loops(task, context_of(np.frombuffer(theta).reshape(-1, len(LABELS))))
+
+
 @dataclass(frozen=True, slots=True)
 class Vehicles:
     """The functions of a task's plant, for parameters (mu_s, M_delta, v_x)."""
@@ -167,7 +173,7 @@ class Vehicles:
 
     def loops(self, theta: Array) -> Loops:
         """PI loops around the linear vehicles."""
-        return loops(self.task, context_of(theta))
+        return _loops(self.task, np.ascontiguousarray(theta).tobytes())
 
     def design(self, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Gains (B, 2), and whether they reach the target; ``nan`` where no PI comes near it."""
