@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features import FirstStage
+from tuners.features import Features
 from tuners.learners.actor import standardised
 from yawrate_env.plant.action_bounds import action_bounds
 from yawrate_env.plant.episodes import recorded
@@ -30,13 +30,13 @@ class FeatureMap:
 
     Attributes
     ----------
-    features : FirstStage
+    features : Features
         First stage.
     mean, scale : NDArray
         (n,) over the prior.
     """
 
-    features: FirstStage
+    features: Features
     mean: Array
     scale: Array
 
@@ -44,7 +44,7 @@ class FeatureMap:
     def of(
         cls,
         plant: Plant,
-        features: FirstStage,
+        features: Features,
         of_parameters: Callable[[Array], Array],
         decimate: int = 1,
     ) -> Self:
@@ -54,7 +54,7 @@ class FeatureMap:
         ----------
         plant : Plant
             Its episodes are used.
-        features : FirstStage
+        features : Features
             First stage.
         of_parameters : callable
             Parameters (B, p) to further features (B, m).

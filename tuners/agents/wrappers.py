@@ -16,9 +16,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from tuners.agents.feature_map import ActionMap, FeatureMap
-from tuners.features import FirstStage, compressor
+from tuners.features import Features, features_named
 from tuners.learners.actor import LIMIT
-from tuners.tuner.training import compressor_named
+from tuners.tuner.training import features_by_name
 from yawrate_env import ENV_ID, PLANT_ID, validation
 from yawrate_env.env.interface import Interface
 from yawrate_env.env.tuning_env import TuningEnv, plant_env
@@ -180,11 +180,11 @@ def _feature_map(interface: Interface, name: str, settings: dict[str, Any]) -> F
     return FeatureMap.of(interface.plant, first_stage, interface.features_of, interface.decimate)
 
 
-def _first_stage(interface: Interface, name: str, settings: dict[str, Any]) -> FirstStage:
+def _first_stage(interface: Interface, name: str, settings: dict[str, Any]) -> Features:
     if name == "laguerre" and interface.basis is not None:
         order, pole = interface.basis
-        return compressor(name, **{"order": order, "pole": pole} | settings)
-    return compressor_named(interface.plant, name, **settings)
+        return features_named(name, **{"order": order, "pole": pole} | settings)
+    return features_by_name(interface.plant, name, **settings)
 
 
 def _observed(

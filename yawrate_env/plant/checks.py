@@ -144,7 +144,7 @@ def _check_names(plant: Mapping[str, Any]) -> None:
     })  # fmt: skip
 
 
-_OPTIONAL = ("evaluate", "excite", "record", "search", "action_bounds", "loop")
+_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop")
 
 _SETTINGS: dict[str, Check] = {
     "prior": _prior,

@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 
 from yawrate_env import validation
 from yawrate_env.compiled import LANES, over_blocks
-from yawrate_env.plant.calls import call, flags, rows
+from yawrate_env.plant.calls import call, rows
 from yawrate_env.plant.checks import checked
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import split
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.reward import reward
+from yawrate_env.plant.sensitivity import Sensitivity
 from yawrate_env.signals.noise import add_white_noise
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.uint64]
 Noise = float | Callable[[Array], Array]
-Search = Callable[[Array, Array, Array], tuple[Array, Flags]]
 Range = tuple[float, float]
 Out = NDArray[np.floating] | None
 
@@ -134,10 +134,12 @@ class Plant:
         For speed: ``record(theta, u, keys, out)``, simulation and noise in one, for inputs (1, N)
         or (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`; where `out` (B, N)
         is not None the outputs are written there.
-    search : callable, optional
-        For speed: ``search(u, y, theta)``, a search for the parameters behind outputs
-        (B, N), from (B, p), instead of that by differences; gives (B, p) and whether it
-        converged (B,).
+    sensitivity : Sensitivity, optional
+        For speed: exact slopes of the output, with which its parameters are found from one start
+        instead of several; by differences if omitted.
+    linear_model : Plant, optional
+        A linear plant with the same parameters: the search for those of a nonlinear one starts
+        where that of the linear one ends.
     search_limits : dict, optional
         Parameters to how far they are searched; by default half a range beyond the prior,
         parameters that are positive staying so.
@@ -180,7 +182,8 @@ class Plant:
     arguments: Mapping[str, Any] = field(default_factory=dict)
     extrapolation: Mapping[str, Range] = field(default_factory=dict)
     record: Callable[[Array, Array, Integers, Out], NDArray[np.floating]] | None = None
-    search: Search | None = None
+    sensitivity: Sensitivity | None = None
+    linear_model: "Plant | None" = None
     search_limits: Mapping[str, Range] = field(default_factory=dict)
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
@@ -438,8 +441,6 @@ class Plant:
         if self.record is not None:
             keys = np.arange(8, dtype=np.uint64).reshape(2, 4)
             self._tried("record", self.measure(theta, u, keys), N)
-        if self.search is not None:
-            self._try_search(self.search, y, theta)
         gains = self.oracle(theta)
         none = np.isnan(gains)
         self._tried("design", np.where(none, 0.0, gains), len(self.gains))
@@ -448,16 +449,6 @@ class Plant:
         self._try_parametrisation(gains)
         self._tried("evaluate", self.metric_values(theta, gains), len(self.counted))
         self.closed_loop(theta[0], gains[0])
-
-    def _try_search(self, search: Search, y: Array, theta: Array) -> None:
-        found: Any = call("search", search, self.u[None].copy(), y.copy(), theta.copy())
-        if not isinstance(found, tuple) or len(found) != 2:
-            raise ValueError(
-                f"search gave a {type(found).__name__}. Give parameters (B, p) and whether the "
-                "search converged (B,) bool."
-            )
-        self._tried("search", found[0], theta.shape[1])
-        flags("search", found[1], len(theta))
 
     def _try_parametrisation(self, gains: Array) -> None:
         encode, decode = self.parametrisation.encode, self.parametrisation.decode
