@@ -5,7 +5,7 @@ loop.  `docs/plants.md` says what each function must do.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import InitVar, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ Flags = NDArray[np.bool_]
 Integers = NDArray[np.uint64]
 Noise = float | Callable[[Array], Array]
 Range = tuple[float, float]
+Out = NDArray[np.floating] | None
 
 _DECIBELS = 400.0  # beyond float64's digits, either way
 _MARGIN = 0.5  # of a range's width, by which the search for parameters may leave the prior
@@ -130,8 +131,9 @@ class Plant:
     extrapolation : dict, optional
         Ranges of some parameters outside the prior, for the ``extrapolation`` set of episodes.
     record : callable, optional
-        For speed: ``record(theta, u, keys)``, simulation and noise in one, for inputs (1, N) or
-        (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`.
+        For speed: ``record(theta, u, keys, out)``, simulation and noise in one, for inputs (1, N)
+        or (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`; where `out` (B, N)
+        is not None the outputs are written there.
     sensitivity : Sensitivity, optional
         For speed: exact slopes of the output, with which its parameters are found from one start
         instead of several; by differences if omitted.
@@ -151,6 +153,8 @@ class Plant:
     black_box : tuple, optional
         Order and pole [rad/s] of the Laguerre basis of the reference model; chosen
         automatically if omitted.
+    check : bool
+        False leaves out every check, for descriptions that are tested elsewhere.
     """
 
     prior: Mapping[str, Range]
@@ -177,15 +181,18 @@ class Plant:
     entry: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)
     extrapolation: Mapping[str, Range] = field(default_factory=dict)
-    record: Callable[[Array, Array, Integers], Array] | None = None
+    record: Callable[[Array, Array, Integers, Out], NDArray[np.floating]] | None = None
     sensitivity: Sensitivity | None = None
     linear_model: "Plant | None" = None
     search_limits: Mapping[str, Range] = field(default_factory=dict)
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
     black_box: tuple[int, float] | None = None
+    check: InitVar[bool] = True
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, check: bool) -> None:
+        if not check:
+            return
         given = {each.name: getattr(self, each.name) for each in fields(self)}
         for name, value in checked(given).items():
             object.__setattr__(self, name, value)
@@ -291,13 +298,18 @@ class Plant:
             )
         return u
 
-    def measure(self, theta: Array, u: Array, keys: Integers, rng: Any = None) -> Array:
-        """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4)."""
+    def measure(
+        self, theta: Array, u: Array, keys: Integers, rng: Any = None, out: Out = None
+    ) -> Array:
+        """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4).
+
+        They are written into `out` (B, N) float32 or float64, if given; it may be a strided view.
+        """
         if self.record is not None:
-            return np.asarray(call("record", self.record, theta, u, keys))
+            return np.asarray(call("record", self.record, theta, u, keys, out))
         clean = np.ascontiguousarray(self.respond(theta, u, rng))
         sigma = self.sigma(clean).copy()
-        measured = np.empty_like(clean)
+        measured: Any = np.empty_like(clean) if out is None else out
 
         def work(i: int, j: int) -> None:
             add_white_noise(clean[i:j], sigma[i:j], keys[i:j], measured[i:j])
@@ -354,7 +366,10 @@ class Plant:
         ``nan`` where there are no gains or the loop is unstable, ``inf`` where it is stable and
         a metric is undefined.
         """
-        values, stable = self.evaluation(theta, gains)
+        return self.counted_values(*self.evaluation(theta, gains))
+
+    def counted_values(self, values: Array, stable: Flags) -> Array:
+        """What `metric_values` gives, from an `evaluation`."""
         values = values[:, self._counted]
         defined = np.where(np.isfinite(values), values, np.inf)
         return np.where(stable[:, None], defined, np.nan)
