@@ -30,7 +30,7 @@ def raises(error):
     return function
 
 
-def measured(theta, u, keys):
+def measured(theta, u, keys, out):
     return simulate(theta, u, None)
 
 

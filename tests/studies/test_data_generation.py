@@ -72,8 +72,8 @@ def test_rows_are_those_of_the_pipeline_whatever_the_shards(of, shard_size, tmp_
 
 
 def test_other_features_have_columns_of_their_own(tmp_path):
-    folder = made(tmp_path / "d", 20, of=cars, stage=Armax())
-    assert_same_rows(folder.read(), examples(cars, 20, 3, Armax()))
+    folder = made(tmp_path / "d", 20, stage=Armax(), shard_size=7)
+    assert_same_rows(folder.read(), examples(plant, 20, 3, Armax()))
     assert "armax_1" in next(folder.columns())
 
 
@@ -441,8 +441,12 @@ CHANGES = {
     "design": {"design": lambda t: 1.01 * design(t)},
     "simulate": {"simulate": lambda t, u, rng: 1.01 * simulate(t, u, rng)},
     "noise": {"noise": 0.021},
-    "prior": {"prior": {"K": (0.5, 2.1), "T": (0.2, 1.0)}},
-    "parametrisation": {"parametrisation": Parametrisation(lambda g: g, lambda x: x)},
+    "ranges.K": {"prior": {"K": (0.5, 2.1), "T": (0.2, 1.0)}},
+    "parametrisation": {
+        "parametrisation": Parametrisation(
+            lambda g: 2 * LOG.encode(g), lambda x: LOG.decode(x / 2), LOG.names
+        )
+    },
     "u": {"u": np.roll(U, 1)},
     "recordings": {"simulate": wandering},
     "coordinates": {"parametrisation": Parametrisation(LOG.encode, LOG.decode)},

@@ -16,7 +16,7 @@ from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.tuner.examples import examples
 from tuners.tuner.recording import Recording
-from tuners.tuner.stages import Recipe, trains
+from tuners.tuner.stages import Recipe, training_split
 from yawrate_env.plant.episodes import recorded
 
 torch.set_num_threads(1)
@@ -71,7 +71,7 @@ def test_a_tuner_learns_what_suits_the_plant_by_default(folders, tmp_path):
 
 
 def test_parts_are_the_usable_rows_of_the_split(folders):
-    loaded, chosen = examples(cars, EPISODES, 3, STAGE), trains(EPISODES, 0)
+    loaded, chosen = examples(cars, EPISODES, 3, STAGE), training_split(EPISODES, 0)
     assert 0 < loaded.usable.sum() < EPISODES
     rows = loaded.usable & chosen
     part = Part(folders[cars], chosen, cars.parametrisation)
@@ -83,10 +83,10 @@ def test_parts_are_the_usable_rows_of_the_split(folders):
 
 
 def test_a_split_is_four_fifths_and_repeats():
-    chosen = trains(1000, 3)
+    chosen = training_split(1000, 3)
     assert chosen.sum() == 800
-    np.testing.assert_array_equal(chosen, trains(1000, 3))
-    assert (chosen != trains(1000, 4)).any()
+    np.testing.assert_array_equal(chosen, training_split(1000, 3))
+    assert (chosen != training_split(1000, 4)).any()
 
 
 @pytest.mark.parametrize("learner", QUICK.values(), ids=QUICK)

@@ -174,7 +174,7 @@ class Configuration:
         before, after = (
             _flat({name: values.get(name) for name in now}, "plant.") for values in (then, now)
         )
-        for name in sorted(before.keys() | after.keys()):
+        for name in after | before:
             if before.get(name) != after.get(name):
                 return f"{name} is {before.get(name)!r} there and {after.get(name)!r} here"
         other = changed(self.plant, then.get("fingerprint", {}), OF_EPISODES)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tuners.data.folder import Folder, check
 from tuners.data.manifest import DatasetError
-from tuners.tuner.stages import LEAST_USABLE, Recipe, Stages, coordinates_of, trains
+from tuners.tuner.stages import LEAST_USABLE, Recipe, Stages, coordinates_of, training_split
 from tuners.tuner.training import calibrate, check_calibration, recipe_for
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
@@ -98,7 +98,7 @@ def fit(
         )
     check(folder, progress)
     part, coordinates = (
-        trains(len(folder), seed),
+        training_split(len(folder), seed),
         coordinates_of(found.plant, recipe.parametrisation),
     )
     training, validating = (Part(folder, p, coordinates) for p in (part, ~part))
@@ -117,11 +117,11 @@ def fit(
     learner = recipe.learner.fit_batches(training, validating, seed, report)
     return Stages(recipe.features, learner, recipe.parametrisation), {
         "name": name,
-        "episodes": len(folder),
+        "vehicles": len(folder),
         "noise_draws": 1,
         "used": sum(used),
         "seed": seed,
-        "set": found.set,
+        "context": found.set,
     }
 
 
