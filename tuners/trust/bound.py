@@ -14,7 +14,7 @@ from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
-_STEP = 1e-3  # of a range: figures may come from a simulation's samples
+_STEP = 1e-3  # of a range: metrics may come from a simulation's samples
 
 
 def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> Array:
@@ -30,7 +30,7 @@ def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> 
 
 
 def cramer_rao(plant: Plant, theta: Array, u: Array | None = None) -> Array:
-    """Least standard deviations of the figures (B, f) for plants (B, p); `u` as above."""
+    """Least standard deviations of the counted metrics (B, f) for plants (B, p); `u` as above."""
     tiled = np.tile(theta, (2 * len(plant.unknown), 1))
     J = central(plant, theta, lambda t: plant.metric_values(tiled, plant.oracle(t)), _STEP)
     variance = np.einsum("bij,bjk,bik->bi", J, parameter_covariance(plant, theta, u), J)
