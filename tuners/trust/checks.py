@@ -1,15 +1,11 @@
 """Checks that decide whether gains are trusted.
 
-The plant's simulator is fitted to the recording (`tuners.trust.fit`), and so is
-a black box that knows nothing of it (`tuners.trust.black_box`).  Gains are trusted where
-the two agree: the input explains nothing beyond the simulator, both respond alike at the
-crossover, the fitted plant is in the prior, with it the gains reach the target, and the
-recording holds enough information.  Nothing depends on which excitation was used or which tuner answered.  A nonlinear
-plant's simulator explains more than the linear black box, which the comparison allows.
-
-The intervals are the figures of the plant found plus or minus a factor times their standard
-deviation, the factor calibrated by split conformal prediction (Lei et al., 2018) with the
-scaled error as score.
+The plant's simulator is fitted to the recording (`tuners.trust.fit`), and so is a reference model
+that does not use it (`tuners.trust.black_box`).  Gains are trusted where the two agree: the input
+explains nothing beyond the fitted simulator, both respond alike at the crossover, the fitted plant
+is in the prior, with it the gains reach the target, and the recording holds enough information.
+Nothing depends on which excitation was used or which method found the gains.  A nonlinear plant's
+simulator may explain more than the linear reference model; only the reverse is held against it.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +22,7 @@ from yawrate_env.plant.plant import Plant
 Array = NDArray[np.float64]
 
 _DOUBT = 3.0  # standard deviations that a finding must exceed to count
-_STEP = 1e-3  # of a range: figures may come from a simulation's samples
+_STEP = 1e-3  # of a range: metrics may come from a simulation's samples
 _WHITE = 2.0  # times white noise's power in a band: what white noise may happen to have
 
 
