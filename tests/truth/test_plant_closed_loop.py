@@ -10,10 +10,10 @@ from first_order import TAU, described, plant
 from test_report import Checked
 
 from tuners.cli.report import figures, loops
-from tuners.plants import ClosedLoop, OpenLoop, Response
 from yawrate_env.loop.margins import Margins
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.pi_loop import PILoop
+from yawrate_env.plant.responses import ClosedLoop, OpenLoop, Response
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
@@ -40,7 +40,7 @@ def words(picture):
 
 
 def test_a_pi_loop_is_the_one_that_python_control_builds():
-    gains = LOOP.design(THETA[None])[0]
+    gains = LOOP.design(THETA[None])[0][0]
     found, (kp, Ti) = LOOP.around(THETA, gains), gains
     late = control.tf([1], [1, 0], TARGET.Ts)
     G = control.tf([THETA[0]], [THETA[1], 1]).sample(TARGET.Ts) * late
@@ -61,7 +61,7 @@ def test_a_pi_loop_is_the_one_that_python_control_builds():
 
 
 def test_margins_are_read_off_where_none_are_given():
-    found = LOOP.around(THETA, LOOP.design(THETA[None])[0]).open
+    found = LOOP.around(THETA, LOOP.design(THETA[None])[0][0]).open
     fine = np.geomspace(0.02, 24.0, 5000)
     real, imaginary = (
         np.interp(fine, found.frequency, part)
@@ -124,9 +124,6 @@ def test_an_unstable_loop_ends_where_it_has_run_away():
         (lambda: ClosedLoop((3,)), "response = 3 is not of type Response"),
         (lambda: ClosedLoop((), 3), "open = 3 is not of type OpenLoop"),
         (lambda: ClosedLoop((), OpenLoop(F, F), "no"), "stable = 'no' must be True or False"),
-        (lambda: described(loop=1), "loop = 1 cannot be called.*or None"),
-        (lambda: described(loop=lambda theta, gains: gains), "loop's answer = .*ClosedLoop"),
-        (lambda: described(loop=lambda theta, gains: 1 / 0), "loop failed in the middle.*ZeroDiv"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(make, said):
@@ -136,8 +133,8 @@ def test_what_cannot_be_drawn_is_refused(make, said):
 
 def test_nothing_is_drawn_without_gains_or_without_a_loop():
     theta, none = plant.middle[0], np.array([np.nan, 1.0])
-    assert plant.closed(theta, np.ones(2)) is None
-    assert replace(plant, loop=integrator).closed(theta, none) is None
+    assert plant.closed_loop(theta, np.ones(2)) is None
+    assert replace(plant, loop=integrator).closed_loop(theta, none) is None
     assert loops.pictured(None, "y") == {} and loops.margins(None) == []
 
 
@@ -163,7 +160,7 @@ def test_a_loop_that_has_run_away_at_once_is_drawn():
 
 def test_a_vehicles_loop_is_in_degrees():
     vehicles = yaw_rate(Task())
-    found = vehicles.closed(vehicles.middle[0], vehicles.oracle(vehicles.middle)[0])
+    found = vehicles.closed_loop(vehicles.middle[0], vehicles.oracle(vehicles.middle)[0])
     drawn = words(loops.pictured(found, vehicles.signals[1])["responses"])
     assert {"Step of the reference by 1 deg/s", "Disturbance of the steering by 1 deg",
             "yaw rate [deg/s]"} <= drawn  # fmt: skip
