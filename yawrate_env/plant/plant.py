@@ -147,6 +147,10 @@ class Plant:
     loop : callable, optional
         ``loop(theta, gains)``, of one plant: parameters (p,) and gains (k,) to the `ClosedLoop`
         that reports draw.
+    display : tuple, optional
+        Names of input and output in reports with their units, and factors from the units of
+        `signals` to these: ``(("steering [deg]", 57.3), ("yaw rate [deg/s]", 57.3))``; by
+        default `signals` and 1.
     black_box : tuple, optional
         Order and pole [rad/s] of the Laguerre basis of the reference model; chosen
         automatically if omitted.
@@ -181,6 +185,7 @@ class Plant:
     search_limits: Mapping[str, Range] = field(default_factory=dict)
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
+    display: tuple[tuple[str, float], tuple[str, float]] | None = None
     black_box: tuple[int, float] | None = None
 
     def __post_init__(self) -> None:

@@ -67,7 +67,9 @@ EXTRAPOLATION = {"mu_s": (1.1, 1.3), "M_delta": (300.0, 500.0)}
 """Stickier and heavier than anything in eq. (12)."""
 
 IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
-"""What pictures show."""
+_DEGREE = float(np.degrees(1.0))
+DISPLAY = (IN_DEGREES[0], _DEGREE), (IN_DEGREES[1], _DEGREE)
+"""Input and output in pictures and reports."""
 
 _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
 _SLOWEST = 0.1  # m/s: at rest the single-track vehicle has no steady answer
@@ -120,6 +122,7 @@ def yaw_rate(task: Task) -> Plant:
         search_limits=vehicles.limits(),
         action_bounds=vehicles.action_bounds,
         loop=vehicles.loop,
+        display=DISPLAY,
         black_box=BLACK_BOX,
         entry=f"{__name__}:{from_settings.__name__}",
         arguments=task.settings(),
