@@ -53,7 +53,7 @@ class Origin:
             raise ValueError(f"{path}: {error.strerror}") from None
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path} is damaged: {error}") from None
-        for name, now in self.settings.items():
+        for name, now in json.loads(json.dumps(self.settings)).items():
             if then.get(name) != now:
                 raise ValueError(f"its {name} is {then.get(name)!r}, not {now!r}")
         if other := changed(self.plant, plant):
