@@ -77,6 +77,9 @@ def _check_types(plant: "Plant") -> None:
         order, pole = plant.black_box
         validation.count("black_box's order", order, remedy="Give some 20.")
         validation.number("black_box's pole", pole, above=0.0, remedy="Give it in rad/s.")
+    if plant.command_limits is not None:
+        limits = validation.interval("command_limits", plant.command_limits)
+        object.__setattr__(plant, "command_limits", limits)
     if not isinstance(plant.entry, str):
         raise ValueError(f'entry = {plant.entry!r} must be a text, as in "my_plant:plant".')
     signals: Any = plant.signals

@@ -163,6 +163,9 @@ class Plant:
         Names of input and output in reports with their units, and factors from the units of
         `signals` to these: ``(("steering [deg]", 57.3), ("yaw rate [deg/s]", 57.3))``; by
         default `signals` and 1.
+    command_limits : tuple of float, optional
+        Least and largest input that the actuator takes, where known: exported controllers
+        saturate there.
     black_box : tuple, optional
         Order and pole [rad/s] of the Laguerre basis of the reference model; chosen
         automatically if omitted.
@@ -202,6 +205,7 @@ class Plant:
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
     display: tuple[tuple[str, float], tuple[str, float]] | None = None
+    command_limits: Range | None = None
     black_box: tuple[int, float] | None = None
 
     def __post_init__(self) -> None:

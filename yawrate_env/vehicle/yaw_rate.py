@@ -92,6 +92,9 @@ MESSAGES = {
 EXTRAPOLATION = {"mu_s": (1.1, 1.3), "M_delta": (300.0, 500.0)}
 """Stickier and heavier than anything in eq. (12)."""
 
+COMMAND_LIMITS = (float(np.radians(-30.0)), float(np.radians(30.0)))
+"""Road-wheel angle of exported controllers [rad]."""
+
 IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
 _DEGREE = float(np.degrees(1.0))
 DISPLAY = (IN_DEGREES[0], _DEGREE), (IN_DEGREES[1], _DEGREE)
@@ -155,6 +158,7 @@ def yaw_rate(task: Task) -> Plant:
         action_bounds=vehicles.action_bounds,
         loop=vehicles.loop,
         display=DISPLAY,
+        command_limits=COMMAND_LIMITS,
         black_box=BLACK_BOX,
         entry=f"{__name__}:{from_settings.__name__}",
         arguments=task.settings(),
