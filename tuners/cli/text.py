@@ -28,17 +28,17 @@ def as_text(result: Result, log: Log) -> str:
         reasons = (f"  - {explained(reason, result.checks)}" for reason in result.reasons)
         verdict = ["NOT TRUSTED", *reasons, "", *table, "", instead(result.fallback, units)]
     notes = ["", "Notes", *(f"  - {note}" for note in result.notes)] if result.notes else []
-    return "\n".join([described(log, plant), "", *verdict, *notes])
+    return "\n".join([f"{log.source}: {described(log, plant)}", "", *verdict, *notes])
 
 
 def described(log: Log, plant: Plant) -> str:
-    """One line about a log: stretch, sampling, measured parameters, input's amplitude."""
+    """A log's stretch, sampling time, measured parameters, and amplitude of the input."""
     (name, factor), _ = displayed(plant)
     word, unit = split(name)
     amplitude = f"{word} ±{quantity(factor * log.excitation.amplitude, unit, digits=3)}"
     measured = [valued(plant.label(n), float(v.mean())) for n, v in log.measured.items()]
     stretch = f"{log.t0:.2f} to {log.t0 + log.duration:.2f} s"
-    return f"{log.source}: {', '.join([stretch, every(log.Ts), *measured, amplitude])}"
+    return ", ".join([stretch, every(log.recorded_Ts), *measured, amplitude])
 
 
 def explained(reason: str, checks: tuple[Check, ...]) -> str:

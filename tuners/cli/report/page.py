@@ -10,7 +10,7 @@ from tuners.cli.report import figures, loops, tables
 from tuners.cli.report.figures import Traces
 from tuners.cli.report.numbers import minus
 from tuners.cli.report.residuals import Residuals
-from tuners.cli.text import displayed, forms_of, gain_units, instead
+from tuners.cli.text import described, displayed, forms_of, gain_units, instead
 from tuners.logs import Log
 from tuners.tuner.result import Result
 from yawrate_env.files import write_text
@@ -38,7 +38,7 @@ def render(result: Result, log: Log, tuner: str) -> str:
     shown = displayed(plant)
     input, output = (word(name, kind) for (name, _), kind in zip(shown, KINDS, strict=True))
     longest = LONGEST_LAG * len(plant.u) * plant.Ts
-    residuals = Residuals.of(fit.residual, fit.u, fit.Ts, log.Ts, longest)
+    residuals = Residuals.of(fit.residual, fit.u, fit.Ts, log.recorded_Ts, longest)
     theta, gains = (np.array(list(v.values())) for v in (fit.parameters, result.gains))
     loop = plant.closed_loop(theta, gains)
     drawn = {
@@ -50,7 +50,7 @@ def render(result: Result, log: Log, tuner: str) -> str:
     return _filled(
         title=_title(plant, log),
         result=result,
-        log=log,
+        described=described(log, plant),
         tuner=tuner,
         input=input,
         output=output,

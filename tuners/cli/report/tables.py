@@ -76,14 +76,18 @@ def setup(result: Result, log: Log, tuner: str) -> list[tuple[str, str]]:
     plant, fit = result.plant, result.fit
     (_, (output, factor)), target = displayed(plant), plant.parametrisation.target
     rows = [("Tuner", tuner), ("Plant", plant.entry or "without an entry point")]
-    rows += [(capital(name), _listed(value)) for name, value in plant.arguments.items()]
+    rows += [
+        (capital(name), _listed(value))
+        for name, value in plant.arguments.items()
+        if value and name != "target"
+    ]
     rows.append(("Signals", " to ".join(plant.signals)))
-    if target is not None and "target" not in plant.arguments:
+    if target is not None:
         rows.append(("Target", f"phase margin {target.phase_margin:g}°, crossover "
                      f"{target.crossover:g} Hz"))  # fmt: skip
         rows.append(("Controller", f"{every(target.Ts)}, delay {target.delay_samples} samples"))
     rows.append(("Experiment trained on", f"{len(plant.u) * plant.Ts:g} s, {every(plant.Ts)}"))
-    rows.append(("Recording", f"{log.duration:.4g} s, {every(log.Ts)}"))
+    rows.append(("Recording", f"{log.duration:.4g} s, {every(log.recorded_Ts)}"))
     for name, values in log.measured.items():
         label, unit = split(plant.label(name))
         ends = f"from {values.min():.4g} to {values.max():.4g}"
