@@ -1,13 +1,11 @@
-"""Prediction-error identification of (mu_s, M_delta).
+"""Exact sensitivities of the linear vehicles' output to friction and total mass, compiled.
 
-The sum of squared output errors from rest (the noise is white, so this is the
-prediction error) is minimised by damped Gauss-Newton steps from the middle of the
-prior, in the logarithms of friction and total mass, with exact output sensitivities.
 In observer form (see `ObserverForm`), for every parameter theta and with ``s_1 = dy/dtheta``,
 
     s_i+ = c s_i + s_{i+1} - alpha_i s_1 - (d alpha_i/d theta) y + (d beta_i/d theta) u,
 
-simulated side by side for ``LANES`` vehicles.
+simulated side by side for ``LANES`` vehicles.  Parameters are the logarithms of friction and
+total mass.
 """
 
 from dataclasses import dataclass
@@ -30,112 +28,72 @@ from yawrate_env.vehicle.single_track import (
 
 Array = NDArray[np.float64]
 
-_MAX_STEPS = 40
-_TOLERANCE = 1e-10
-_ROUNDING = 1e-24  # of the output's energy: without noise the cost ends here
-_LARGEST_STEP = 1.0  # in the logarithm: no more than a factor e at a time
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Identified:
-    """Identified vehicles, (B,) each.
+@dataclass(frozen=True, slots=True)
+class LogSensitivity:
+    """Normal equations of the search for friction and mass (`yawrate_env.plant.sensitivity`).
 
     Attributes
     ----------
-    context : Context
-        Friction and mass found, speed as given.
-    cost : NDArray
-        Mean squared output error [(rad/s)^2].
-    converged : NDArray
-        Whether the last step promised nothing more, and the data depend on both parameters.
-    steps : NDArray
-        Simulations with sensitivities that it took.
-    """
-
-    context: Context
-    cost: Array
-    converged: NDArray[np.bool_]
-    steps: NDArray[np.int64]
-
-
-def identify(
-    vehicle: Vehicle,
-    u: Array,
-    y: Array,
-    Ts: float,
-    start: Context,
-    v_x: Array,
-    unknown: tuple[bool, bool] = (True, True),
-) -> Identified:
-    """Find friction and mass of every episode.
-
-    Parameters
-    ----------
-    u : (1, N) or (B, N) float64
-        Steering commands [rad].
-    y : (B, N) float64
-        Yaw rates [rad/s].
+    vehicle : Vehicle
+        The known parameters.
     Ts : float
         Sampling time [s].
-    start : Context
-        One vehicle, where the search starts.
-    v_x : (B,) float64
-        Speeds [m/s].
-    unknown : tuple of bool
-        Whether friction and mass are; what is known stays as it starts.
+    friction, mass : bool
+        Whether each is unknown.
+    largest_step : float
+        Of a logarithm: no more than a factor e at a time.
     """
-    fixed = ~np.array(unknown)
-    count = len(y)
-    theta = np.tile([np.log(start.mu_s[0]), np.log(total_mass(vehicle, start)[0])], (count, 1))
-    best = np.full(count, np.inf)
-    normal, slope = np.zeros((count, 2, 2)), np.zeros((count, 2))
-    damping = np.full(count, 1e-6)
-    step = np.zeros((count, 2))
-    converged, steps = np.zeros(count, dtype=bool), np.zeros(count, dtype=np.int64)
-    rounding = _ROUNDING * np.einsum("bn,bn->b", y, y)
-    active = np.arange(count)
-    for _ in range(_MAX_STEPS):
-        trial = theta[active] + step[active]
-        gram = output_gram(vehicle, _context(vehicle, trial, v_x[active]), u, y, Ts, active)
-        steps[active] += 1
-        better = gram[:, 0, 0] < best[active]
-        to, frm = active[better], np.flatnonzero(better)
-        gained = np.where(better, best[active] - gram[:, 0, 0], 0.0)
-        theta[to], best[to] = trial[frm], gram[frm, 0, 0]
-        slope[to], normal[to] = gram[frm, 0, 1:], gram[frm, 1:, 1:]
-        slope[:, fixed] = normal[:, fixed] = normal[:, :, fixed] = 0.0
-        normal[:, fixed, fixed] = 1.0
-        damping[active] = np.where(better, damping[active] * 0.1, damping[active] * 100)
-        lifted = normal[active] * (1 + damping[active, None, None] * np.eye(2))
-        step[active] = _solve_2x2(lifted, slope[active])
-        promised = np.einsum("bi,bi->b", step[active], slope[active])
-        step[active] = np.clip(step[active], -_LARGEST_STEP, _LARGEST_STEP)
-        done = promised < _TOLERANCE * best[active] + rounding[active]
-        done &= gained < 1e-4 * best[active] + rounding[active]
-        converged[active[done]] = normal[active[done]].diagonal(axis1=1, axis2=2).all(axis=1)
-        active = active[~done & (damping[active] < 1e8) & np.isfinite(best[active])]
-        if not len(active):
-            break
-    return Identified(_context(vehicle, theta, v_x), best / y.shape[1], converged, steps)
+
+    vehicle: Vehicle
+    Ts: float
+    friction: bool = True
+    mass: bool = True
+    largest_step: float = 1.0
+
+    def encode(self, theta: Array) -> Array:
+        """Parameters (B, 3) to the logarithms of unknown friction and total mass (B, q)."""
+        both = np.stack([theta[:, 0], theta[:, 1] + self.vehicle.M_0], axis=1)
+        return np.log(both[:, self._unknown])
+
+    def decode(self, z: Array, theta: Array) -> Array:
+        """Parameters (B, 3) with the logarithms' values in place of those in `theta`."""
+        found = theta.copy()
+        values = np.exp(z)
+        if self.friction:
+            found[:, 0] = values[:, 0]
+        if self.mass:
+            found[:, 1] = values[:, -1] - self.vehicle.M_0
+        return found
+
+    def gram(self, theta: Array, u: Array, y: Array, rows: NDArray[np.intp]) -> Array:
+        """Inner products (R, 1 + q, 1 + q) of output error and slopes over the recordings."""
+        chosen = np.array([0, *(1 + np.flatnonzero(self._unknown))])
+        whole = output_gram(self.vehicle, Context(*theta.T.copy()), u, y, self.Ts, rows)
+        return np.ascontiguousarray(whole[:, chosen[:, None], chosen])
+
+    @property
+    def _unknown(self) -> NDArray[np.bool_]:
+        return np.array([self.friction, self.mass])
 
 
 def output_gram(
     vehicle: Vehicle, context: Context, u: Array, y: Array, Ts: float, rows: NDArray[np.intp]
 ) -> Array:
-    """Inner products over an episode of (error, d y/d log mu_s, d y/d log M_veh).
+    """Inner products over an episode of (error, d y/d log mu_s, d y/d log M_veh), (R, 3, 3).
 
     The error is the measured minus the simulated output [rad/s].
 
     Parameters
     ----------
     context : Context
-        The model of each of R rows.
+        The model of each of R recordings.
+    u : (1, N) or (B, N) float64
+        Steering commands [rad].
+    y : (B, N) float64
+        Measured yaw rates [rad/s].
     rows : (R,) int
-        Which episodes of the recording they are compared with.
-
-    Returns
-    -------
-    (R, 3, 3)
+        Which of the recordings the models belong to.
     """
     A, B, C = state_space(vehicle, context)
     by_log = np.stack([context.mu_s, total_mass(vehicle, context)], axis=1)
@@ -162,23 +120,6 @@ def output_gram(
 
     over_blocks(one_block, len(rows), width)
     return gram
-
-
-def _context(vehicle: Vehicle, theta: Array, v_x: Array) -> Context:
-    mu_s, mass = np.exp(theta).T
-    return Context(mu_s.copy(), mass - vehicle.M_0, v_x)
-
-
-def _solve_2x2(H: Array, g: Array) -> Array:
-    determinant = H[:, 0, 0] * H[:, 1, 1] - H[:, 0, 1] * H[:, 1, 0]
-    safe = np.where(determinant > 0, determinant, np.inf)
-    return np.stack(
-        [
-            (H[:, 1, 1] * g[:, 0] - H[:, 0, 1] * g[:, 1]) / safe,
-            (H[:, 0, 0] * g[:, 1] - H[:, 1, 0] * g[:, 0]) / safe,
-        ],
-        axis=1,
-    )
 
 
 # The flat workspace, in rows of one number a lane: centre, alpha, beta, the two derivatives
