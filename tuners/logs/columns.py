@@ -244,7 +244,8 @@ def _conversion(
     except units.UnitError as error:
         why = f"the plant's {role.words} is in {role.unit}, and {error}"
         if given:
-            raise SelectionError(f"{role.key} unit {given}: {why}.") from None
+            what = role.remedy if role.remedy.endswith("unit") else f"unit of {role.words},"
+            raise SelectionError(f"{what} {given}: {why}.") from None
         raise LogError(f"Column {column} says {said!r}, but {why}. Give {role.remedy}.") from None
     if found == (1.0, 0.0):
         return found, []

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tuners.logs.table import Array, LogError
+from tuners.tuner.recording import STEADY
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 
@@ -22,7 +23,6 @@ SHORTEST = 0.3
 _WEAK_RMS, _NO_RMS = 0.1, 0.002  # of the experiment's amplitude
 _STILL = 1e-9  # peak to peak, of the largest absolute value
 _FEW = 4  # changes of the input
-_STEADY = 0.05  # peak-to-peak variation of a parameter over its mean
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +154,7 @@ def best_stretch(
     power = _variance(moving, samples)
     allowed = np.ones(len(power), dtype=np.bool_)
     for values in steady:
-        allowed &= _variance(values, samples) < (_STEADY / 2 * _windowed(values, samples)) ** 2
+        allowed &= _variance(values, samples) < (STEADY / 2 * _windowed(values, samples)) ** 2
     start = int(np.argmax(np.where(allowed, power, -1.0) if allowed.any() else power))
     return slice(start, start + samples), True
 

@@ -5,11 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from tuners.logs.table import Array, LogError
+from tuners.tuner.recording import UNSTEADY
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
-
-UNSTEADY = 0.25
-"""Peak-to-peak variation, over the mean, that no mean describes."""
 
 
 def parameters(

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tuners.logs.table import Array, LogError
+from tuners.tuner.tuner import slowest
 from yawrate_env.plant.plant import Plant
 
 EVEN = 0.02
@@ -33,9 +34,9 @@ class Pace:
 
 
 def pace_of(plant: Plant) -> Pace:
-    """From the period of the plant's crossover, or else its experiment's sampling time."""
-    slowest = 10 * plant.Ts if plant.crossover is None else 0.1 / plant.crossover
-    return Pace(plant.Ts / 500, slowest, slowest / 2)
+    """Up to what the plant's tuner takes, and half of that without a sample."""
+    limit = slowest(plant)
+    return Pace(plant.Ts / 500, limit, limit / 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,12 +15,13 @@ _SPELLINGS = (
     "newton_meter = newton * meter = Nm",  # instead of a measure of yarn
     "degree_per_second = degree / second = dps = degs = degps",
     "radian_per_second = radian / second = rads = radps",
-    "meter_per_second = meter / second = mps",
+    "meter_per_second = meter / second = mps = meterspersecond",
     "@alias kilometer_per_hour = kmh",
     "@alias degree = grad = Grad",  # instead of the gradian
     "@alias revolution = rev = r = U",
     "@alias ohm = Ohm",
 )
+_IDIOMS = {"-": "1", "ms-1": "m/s"}
 _TERM = r"(?:[^\W\d_]+|°[CF]?|%|1)(?:\^?-?[\d²³])?"
 _FORM = re.compile(rf"\(?{_TERM}(?:(?:\s*[*/·._]\s*\(?|\s+){_TERM}\)?)*")
 _LONGEST = 30
@@ -87,9 +88,7 @@ def _kind(unit: Any) -> Any:
 @cache
 def _parsed(text: str) -> Any:
     """The unit, or None; what does not look like one must not reach Pint's parser."""
-    registry = _registry()
-    if text == "-":
-        return registry.dimensionless
+    registry, text = _registry(), _IDIOMS.get(text, text)
     if len(text) > _LONGEST or not _FORM.fullmatch(text):
         return None
     powers = re.sub(r"([^\W\d_])\^?(-?\d)", r"\1**\2", re.sub(r"[·.]", "*", text))
