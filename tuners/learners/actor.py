@@ -1,7 +1,7 @@
-"""A second stage that learned from rewards: the actor of an agent.
+"""Second stage of an agent: an actor that was trained on rewards.
 
-An agent observes standardised features and acts in [-1, 1]; the standardisation and the bounds
-of the coordinates are saved with it.
+An agent sees standardised features and answers in [-1, 1]; what it was trained around,
+the standardisation and the range of the coordinates, is kept with it.
 """
 
 from dataclasses import dataclass
@@ -10,20 +10,24 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.plant.parametrisation import scale_to_bounds
-
 Array = NDArray[np.float64]
 
 LIMIT = 10.0
 """Standardised features are clipped here, so that the observation space is finite."""
 
 _PAIR = "weight", "bias"
-_OTHERS = "mean", "scale", "low", "high"
+_AROUND = "mean", "scale", "low", "high"
 
 
-def standardise(values: Array, mean: Array, scale: Array) -> NDArray[np.float32]:
-    """Features (B, n) as an agent observes them."""
+def standardised(values: Array, mean: Array, scale: Array) -> NDArray[np.float32]:
+    """Features (B, n) as an agent sees them."""
     return np.clip((values - mean) / scale, -LIMIT, LIMIT).astype(np.float32)
+
+
+def stretched(actions: NDArray[np.floating], low: Array, high: Array) -> Array:
+    """Actions (B, m) in [-1, 1], clipped, to coordinates between `low` and `high` (m,)."""
+    unit = (np.clip(np.asarray(actions, dtype=np.float64), -1, 1) + 1) / 2
+    return np.asarray(low + (high - low) * unit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +58,7 @@ class Actor:
         return np.tanh(x) if self.squashed else np.clip(x, -1, 1)
 
     def arrays(self) -> dict[str, Array]:
-        """``weight0``, ``bias0``, ``weight1``, ...."""
+        """``weight0``, ``bias0``, ``weight1``, ...; the rest of it is two words."""
         pairs = enumerate(self.layers)
         return {f"{n}{i}": a for i, pair in pairs for n, a in zip(_PAIR, pair, strict=True)}
 
@@ -68,7 +72,7 @@ class Actor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agent:
-    """An actor, with the standardisation of its features and the bounds of its actions.
+    """An actor with the standardisation and the action range of its training.
 
     Attributes
     ----------
@@ -88,14 +92,14 @@ class Agent:
 
     def __call__(self, X: Array) -> Array:
         """Predict (B, m) coordinates from (B, n) features."""
-        actions = self.actor(standardise(X, self.mean, self.scale))
-        return scale_to_bounds(actions, self.low, self.high)
+        actions = self.actor(standardised(X, self.mean, self.scale))
+        return stretched(actions, self.low, self.high)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Arrays to save."""
+        """Everything there is to save."""
         return {
             **self.actor.arrays(),
-            **{name: getattr(self, name) for name in _OTHERS},
+            **{name: getattr(self, name) for name in _AROUND},
             "tanh": np.array(self.actor.hidden == "tanh"),
             "squashed": np.array(self.actor.squashed),
         }
@@ -105,4 +109,4 @@ class Agent:
         """Rebuild from `arrays`."""
         hidden = "tanh" if arrays["tanh"].item() else "relu"
         actor = Actor.of(arrays, hidden, bool(arrays["squashed"].item()))
-        return cls(actor, *(arrays[name] for name in _OTHERS))
+        return cls(actor, *(arrays[name] for name in _AROUND))
