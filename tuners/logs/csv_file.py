@@ -9,7 +9,6 @@ import io
 import re
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,9 +41,9 @@ class Layout:
     body: int
 
 
-def read(path: Path) -> Table:
+def read(content: bytes) -> Table:
     """Read a text table."""
-    lines = _decoded(path.read_bytes()).splitlines()
+    lines = _decoded(content).splitlines()
     kept = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
     layout = find_layout(kept)
     table, skipped = _parsed(kept[layout.body :], layout)

@@ -21,24 +21,24 @@ class Plan:
         The role whose own time stamps count, in formats where every quantity has some.
     least : float
         Shortest stretch worth having [s].
+    pace : Pace
+        Sampling times that make sense.
     held : tuple of str
         Roles that keep a value until the next one; others are interpolated.
     slow : tuple of str
         Roles that change slowly: where their values are missing, these are interpolated.
     Ts : float or None
         Sampling time [s], where no time column is to be used.
-    pace : Pace
-        Sampling times that make sense.
     begin : float or None
         Time of which only what begins with the first row from then on can be used [s].
     """
 
     clock: str
     least: float
+    pace: Pace
     held: tuple[str, ...] = ()
     slow: tuple[str, ...] = ()
     Ts: float | None = None
-    pace: Pace = Pace()
     begin: float | None = None
 
 

@@ -96,6 +96,10 @@ def _black_box(name: str, value: Any) -> Any:
     return None if value is None else _pair(name, value, "(20, 12.0)", validation.count, pole)
 
 
+def _interval_or_none(name: str, value: Any) -> Any:
+    return None if value is None else validation.interval(name, value)
+
+
 def _metric(name: str, value: Any) -> Metric:
     if isinstance(value, Metric):
         return value
@@ -144,7 +148,7 @@ def _check_names(plant: Mapping[str, Any]) -> None:
     })  # fmt: skip
 
 
-_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop")
+_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks")
 
 _SETTINGS: dict[str, Check] = {
     "prior": _prior,
@@ -171,6 +175,7 @@ _SETTINGS: dict[str, Check] = {
     ),
     "arguments": partial(_mapping, check=lambda name, value: value),
     "black_box": _black_box,
+    "command_limits": _interval_or_none,
 }  # fmt: skip
 
 _OF_PARAMETERS: dict[str, Check] = {
