@@ -2,12 +2,12 @@
 
 import re
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import control
 import numpy as np
 import pytest
 from first_order import TAU, described, plant
-from test_report import Checked
 
 from tuners.cli.report import figures, loops
 from yawrate_env.loop.margins import Margins
@@ -100,37 +100,6 @@ def test_an_unstable_loop_ends_where_it_has_run_away():
     assert np.nanmax(np.abs(found.responses[1].value)) > 1e6  # flow per valve is a large number
 
 
-# Bad ones
-
-
-@pytest.mark.parametrize(
-    "make, said",
-    [
-        (lambda: ClosedLoop(), "nothing to draw. Give it responses or open"),
-        (lambda: Response("Step", T, T[:9]), r"'Step' has values of shape \(9,\).* its 50 times"),
-        (lambda: Response("Step", T[::-1], T), "time must rise"),
-        (lambda: Response("Step", T[:1], T[:1]), "time must rise.* at least two"),
-        (lambda: OpenLoop(T, T), "lowest frequency = 0 must be .*Leave frequency 0 out"),
-        (lambda: OpenLoop(F, F[:9]), r"response of shape \(9,\), wanted one for each of its 2000"),
-        (lambda: Response(None, T, T), "title = None must be a text"),
-        (lambda: Response("Step", T, T, wanted="1"), "wanted = '1' is not a number. Give nan"),
-        (lambda: Response("Step", T, T, wanted=np.inf), "wanted = inf must be finite"),
-        (lambda: Response("Step", T, T, label=3), "label = 3 must be a text"),
-        (lambda: OpenLoop(F, ["x"] * 2000), "is not an array of complex numbers"),
-        (lambda: OpenLoop(F, np.full(2000, np.nan)), "nan.* must be finite and not 0. Leave"),
-        (lambda: OpenLoop(F, 0 * F), "0.* must be finite and not 0. Leave"),
-        (lambda: OpenLoop(F, F, margins=3), "margins = 3 is not of type Margins"),
-        (lambda: ClosedLoop(Response("Step", T, T)), "must be a tuple of Response"),
-        (lambda: ClosedLoop((3,)), "response = 3 is not of type Response"),
-        (lambda: ClosedLoop((), 3), "open = 3 is not of type OpenLoop"),
-        (lambda: ClosedLoop((), OpenLoop(F, F), "no"), "stable = 'no' must be True or False"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
-
-
 def test_nothing_is_drawn_without_gains_or_without_a_loop():
     theta, none = plant.middle[0], np.array([np.nan, 1.0])
     assert plant.closed_loop(theta, np.ones(2)) is None
@@ -155,7 +124,7 @@ def test_pictures_say_what_they_show():
 
 def test_a_loop_that_has_run_away_at_once_is_drawn():
     lost = Response("Step", T, np.full(50, np.nan))
-    Checked(figures.svg(figures.responses((lost,), "y"), "lost"))
+    ElementTree.fromstring(figures.svg(figures.responses((lost,), "y"), "lost"))
 
 
 def test_a_vehicles_loop_is_in_degrees():

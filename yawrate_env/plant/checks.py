@@ -173,7 +173,8 @@ _SETTINGS: dict[str, Check] = {
     "entry": partial(
         validation.instance, kind=str, remedy='Give a text, as in "my_plant:plant".'
     ),
-    "arguments": partial(_mapping, check=lambda name, value: value),
+    **dict.fromkeys(("messages", "cautions"), partial(_mapping, check=validation.text)),
+    **dict.fromkeys(("arguments", "synonyms"), partial(_mapping, check=lambda name, value: value)),
     "black_box": _black_box,
     "command_limits": _interval_or_none,
 }  # fmt: skip
