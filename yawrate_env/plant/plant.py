@@ -309,7 +309,7 @@ class Plant:
             return np.asarray(call("record", self.record, theta, u, keys, out))
         clean = np.ascontiguousarray(self.respond(theta, u, rng))
         sigma = self.sigma(clean).copy()
-        measured: Any = np.empty_like(clean) if out is None else out
+        measured: Array = np.empty_like(clean) if out is None else out  # type: ignore[assignment]
 
         def work(i: int, j: int) -> None:
             add_white_noise(clean[i:j], sigma[i:j], keys[i:j], measured[i:j])
