@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recordings import recorded
 from scipy.signal import lfilter
-from test_imports import modules_after
+from imports import modules_after
 
 import tuners
 from tuners.export import (

@@ -2,7 +2,7 @@ import control
 import numpy as np
 import pytest
 from recordings import recorded
-from test_imports import modules_after
+from imports import modules_after
 
 from tuners.export.control_models import pi_controller, vehicle_model
 from tuners.pidtune.matlab import armax, greyest, pidtune

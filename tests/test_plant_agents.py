@@ -12,7 +12,7 @@ from first_order import described, gauged, lone, plant
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
-from test_imports import modules_after
+from imports import modules_after
 
 from tuners import plants
 from tuners.agents import training as rl_training

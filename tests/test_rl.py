@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from recordings import ROOT, observations, recorded
-from test_imports import modules_after
+from imports import modules_after
 
 import tuners
 from tuners.agents import training as rl_training
