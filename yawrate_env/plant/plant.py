@@ -150,6 +150,9 @@ class Plant:
     loop : callable, optional
         ``loop(theta, gains)``, of one plant: parameters (p,) and gains (k,) to the `ClosedLoop`
         that reports draw.
+    command_limits : tuple of float, optional
+        Least and largest input that the actuator takes, where known: exported controllers
+        saturate there.
     black_box : tuple, optional
         Order and pole [rad/s] of the Laguerre basis of the reference model; chosen
         automatically if omitted.
@@ -187,6 +190,7 @@ class Plant:
     search_limits: Mapping[str, Range] = field(default_factory=dict)
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
+    command_limits: Range | None = None
     black_box: tuple[int, float] | None = None
     check: InitVar[bool] = True
 
