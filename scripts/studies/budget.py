@@ -24,7 +24,7 @@ from studies.draws import draw
 from studies.markdown import table
 from studies.rows import HEADS, Row, cells, errors, row
 from tuners import RECIPES, Recipe, load
-from tuners.features import FirstStage
+from tuners.features import Features
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
@@ -84,7 +84,7 @@ def budget(sizes: Sizes, seed: int = 0, progress: Progress | None = None) -> lis
 
 
 def _information(
-    plant: Plant, features: FirstStage, episodes: int, seed: int, progress: Progress | None
+    plant: Plant, features: Features, episodes: int, seed: int, progress: Progress | None
 ) -> Iterator[tuple[str, Array]]:
     """Steps 2 and 3 with their spreads (E, 2)."""
     for step, kept in _kept(plant, features).items():
@@ -99,7 +99,7 @@ def _information(
         yield step, np.concatenate(found)
 
 
-def _kept(plant: Plant, features: FirstStage) -> dict[str, Kept]:
+def _kept(plant: Plant, features: Features) -> dict[str, Kept]:
     """Information (B, 2, 2) left of recordings step by step, for parameters and inputs."""
     in_features = "information in the features"
     if isinstance(features, Laguerre):

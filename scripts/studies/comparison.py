@@ -19,6 +19,7 @@ from studies.markdown import table
 from studies.metrics import bootstrap_interval
 from tuners import Tuner, load, train
 from tuners.agents import training as rl_training
+from tuners.catalogue import UNTRAINED
 from tuners.tuner.evaluation import Evaluation, evaluate
 from yawrate_env.files import write_text
 from yawrate_env.plant.plant import Plant
@@ -30,8 +31,6 @@ EPISODES = (500, 1000, 2000, 5000, 10_000, 20_000)
 """Sizes at which agents and two-stage tuners are compared."""
 
 TEST_EPISODES = 1500
-
-UNTRAINED = ("gb", "oracle", "nominal")
 
 Progress = Callable[[str, int, int], None]
 

@@ -1,14 +1,10 @@
-"""Episodes of a plant's sets as the studies need them: drawn, recorded and assessed."""
-
-from collections.abc import Iterator
+"""Episodes of a plant's sets as the studies need them: drawn, then recorded."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.trust.checks import Assessment
 from tuners.tuner.recording import Recording
-from tuners.tuner.tuner import Tuner
-from yawrate_env.plant.episodes import SETS, Draw, Episodes, episodes, integers_of, ranges_of
+from yawrate_env.plant.episodes import SETS, Draw, integers_of, ranges_of
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.streams import stream
 from yawrate_env.vehicle.task import Task
@@ -22,34 +18,10 @@ def draw(plant: Plant, name: str, seed: int, first: int, count: int) -> Draw:
     return Draw.of(plant, integers, ranges_of(plant, name))
 
 
-def recording(plant: Plant, theta: Array, u: Array, y: Array) -> Recording:
-    """Recordings with their measured parameters, which `theta` (B, p) has among others."""
-    known = np.full_like(theta, np.nan)
-    measured = plant.indices(plant.measured)
-    known[:, measured] = theta[:, measured]
-    return Recording(u, y, plant.Ts, known)
-
-
 def recorded(plant: Plant, drawn: Draw) -> Recording:
-    """Simulate drawn episodes."""
-    return recording(plant, drawn.theta, drawn.u, plant.measure(drawn.theta, drawn.u, drawn.keys))
-
-
-def assessed(
-    tuner: Tuner, plant: Plant, name: str, seed: int, count: int
-) -> Iterator[tuple[Episodes, Assessment, Array]]:
-    """Tune and assess the first episodes of a set, block by block.
-
-    Yields
-    ------
-    Episodes
-    Assessment
-    (B, f) float64
-        Metrics with the true plants; ``nan`` if unstable.
-    """
-    for block in episodes(plant, name, seed, 0, count):
-        gains, found = tuner.assess(recording(plant, block.theta, block.u, block.y))
-        yield block, found, plant.metric_values(block.theta, gains.values)
+    """Simulate drawn episodes; tuners find the measured parameters among the known ones."""
+    y = plant.measure(drawn.theta, drawn.u, drawn.keys)
+    return Recording(drawn.u, y, plant.Ts, drawn.theta)
 
 
 def task_of(plant: Plant) -> Task:

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from tuners import Recipe, Tuner, train
-from tuners.features import FirstStage
-from tuners.tuner.training import Examples, compressed
+from tuners.features import Features
+from tuners.tuner.examples import Examples, examples_of
 from yawrate_env.batch import concatenate, take
 from yawrate_env.plant.plant import Plant
 
@@ -24,7 +24,7 @@ def noise_draws(recipe: Recipe, vehicles: int) -> int:
 
 def simulate(
     plant: Plant,
-    features: FirstStage,
+    features: Features,
     draws: Mapping[int, int],
     progress: Progress | None = None,
 ) -> list[Examples]:
@@ -39,7 +39,7 @@ def simulate(
     parts, done = [], 0
     for repeat, count in enumerate(counts):
         blocks = []
-        for rows, _ in compressed(plant, "train", TRAINING_SEED, 0, count, features, repeat):
+        for rows, _ in examples_of(plant, "train", TRAINING_SEED, 0, count, features, repeat):
             blocks.append(rows)
             done += len(rows)
             if progress is not None:

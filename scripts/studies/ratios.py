@@ -17,6 +17,7 @@ from studies.bounds import bound_on
 from studies.markdown import table
 from studies.metrics import bootstrap_interval, ratio_of_rms, rms
 from tuners import RECIPES, Recipe, Tuner, load, train
+from tuners.catalogue import SPEEDS
 from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
@@ -119,7 +120,7 @@ def run(
     every = RECIPES["ts-ff-lag-vx"]
     plant = yaw_rate(Task())
     random = yaw_rate(Task(experiment=Experiment(register="random")))
-    speeds = yaw_rate(Task(prior=Prior(v_x=every.prior["v_x"])))
+    speeds = yaw_rate(Task(prior=Prior(v_x=SPEEDS["ts-ff-lag-vx"])))
     fixed, varied, anywhere = "same excitation", "random register", "10 to 33 m/s"
     vehicles = f"{RECIPES['ts-ff-lag'].episodes} × 12 draws"
     alone = "ts-gbm-lag without its trend"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from studies.metrics import bootstrap_interval, rms
 from tuners import NAMES, Tuner, load
-from tuners.catalogue import available
+from tuners.catalogue import UNTRAINED, shipped
 from tuners.tuner.evaluation import Evaluation, Policy, evaluate
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
@@ -103,9 +103,9 @@ class Row:
     crossover: Estimate
 
 
-def shipped() -> dict[str, Tuner]:
+def available() -> dict[str, Tuner]:
     """Every named tuner that needs no training or is shipped trained."""
-    return {name: load(name) for name in NAMES if available(name)}
+    return {name: load(name) for name in NAMES if name in UNTRAINED or shipped(name).exists()}
 
 
 def run(

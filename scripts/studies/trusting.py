@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies import faults
-from studies.draws import assessed, task_of
+from studies.draws import task_of
 from studies.markdown import table
 from tuners import Tuner
-from tuners.tuner.recording import Recording
 from tuners.trust.bound import cramer_rao
+from tuners.tuner.recording import Recording
+from tuners.tuner.training import assessed
 from yawrate_env.batch import take
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
@@ -108,7 +109,7 @@ def faulty(tuner: Tuner, count: int, seed: int, progress: Progress | None = None
 def usual(tuner: Tuner, episodes: int, seed: int, progress: Progress | None = None) -> Count:
     """Episodes of the ``test`` set."""
     plant, good, trusted, done = tuner.plant, [], [], 0
-    for block, found, actual in assessed(tuner, plant, "test", seed, episodes):
+    for block, found, actual in assessed(tuner, "test", episodes, seed):
         done += len(block)
         good.append(_good(task_of(plant), actual))
         trusted.append(found.trusted)
@@ -143,7 +144,7 @@ def coverage(
     """Intervals on ``test`` episodes: all of them, and each third of friction."""
     plant, done = tuner.plant, 0
     inside, width, bound, friction = [], [], [], []
-    for block, found, actual in assessed(tuner, plant, "test", seed, episodes):
+    for block, found, actual in assessed(tuner, "test", episodes, seed):
         half = np.array(tuner.calibration) * found.spread
         inside.append(np.abs(actual - found.metrics) <= half)
         width.append(2 * half)
