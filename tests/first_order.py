@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from tuners import plants
-from tuners.features.laguerre import Laguerre
+from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.excitation import prbs
 
 TS, TAU, SIGMA = 0.02, 0.3, 0.02
@@ -36,7 +35,7 @@ def described(**changes):
         "signals": ("valve [%]", "flow [l/s]"),
         "entry": "first_order:plant",
     }
-    return plants.Plant(**(settings | changes))
+    return Plant(**(settings | changes))
 
 
 def by_one(function):
@@ -60,7 +59,7 @@ gauged = described(
     measured={"K": 0.05},
     linear=True,
     crossover=1 / (2 * np.pi * TAU),
-    black_box=Laguerre(6, 3.0),
+    black_box=(6, 3.0),
     entry="first_order:gauged",
 )
 lone = described(

@@ -1,4 +1,4 @@
-"""Recorded episodes of the default task, the same in every test that asks."""
+"""Recorded episodes of the default vehicles, the same in every test that asks."""
 
 from functools import cache
 from pathlib import Path
@@ -6,27 +6,26 @@ from pathlib import Path
 import numpy as np
 
 from tuners.tuner.recording import Recording
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import Draw, record
-from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.plant import episodes
+from yawrate_env.vehicle.task import Experiment, Task
+from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
 
 ROOT = Path(__file__).parents[1]
 
 
 @cache
-def drawn(count: int, prior: Prior = Prior()) -> Draw:  # noqa: B008, frozen
-    """The first episodes of the test set."""
-    return CONTEXT_SETS["test"].draw(prior, 0, 0, count)
-
-
-@cache
 def recorded(count: int, experiment: Experiment = Experiment()) -> Recording:  # noqa: B008, frozen
-    """Their recordings, with the truth beside them; read-only."""
-    draw = drawn(count)
-    u, y = record(Task(experiment=experiment), draw)
-    for array in (u, y):
+    """The first recordings of the test set, with the truth; read-only."""
+    plant = yaw_rate(Task(experiment=experiment))
+    found = episodes.recorded(plant, "test", 0, count)
+    for array in (found.u, found.y, found.theta):
         array.setflags(write=False)
-    return Recording(u, y, experiment.Ts, draw.context.v_x, draw.context)
+    return Recording(found.u, found.y, experiment.Ts, found.theta)
+
+
+def vehicles(recording: Recording):
+    """The recordings' true vehicles, as a context."""
+    return context_of(recording.known)
 
 
 def observations(recording: Recording) -> np.ndarray:

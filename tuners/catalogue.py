@@ -5,23 +5,23 @@ from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
-from tuners.agents.rl_tuner import RLTuner
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
 from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
-from tuners.trust.vehicle_trust import Calibration
-from tuners.tuner import tuner_file as model_file
-from tuners.tuner.baselines import Nominal, Oracle
-from tuners.tuner.gray_box import GrayBox
-from tuners.tuner.stages import Recipe
-from tuners.tuner.training import fit
+from tuners.tuner import tuner_file
+from tuners.tuner.examples import Examples
+from tuners.tuner.method import Method
+from tuners.tuner.rivals import GrayBox, Nominal, Oracle
+from tuners.tuner.stages import Recipe, Stages
+from tuners.tuner.training import calibrate, check_calibration, fit, recipe_for
 from tuners.tuner.tuner import Tuner
-from tuners.tuner.two_stage import TwoStage
 from yawrate_env import validation
-from yawrate_env.plant.episodes import Examples
+from yawrate_env.plant.entry import find
+from yawrate_env.plant.episodes import designed
+from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
@@ -46,122 +46,141 @@ RECIPES = {
         FrequencyResponse(order=12, pole=12.0, low=0.3, high=6.0, points=6),
         TrendSettings(FeedForwardSettings(neurons=28, max_fail=10, epochs=400)),
         noise_draws=4,
-        vehicles=7000,
-        v_x=(10.0, 33.0),
+        episodes=7000,
     ),
 }
-"""The tuners that are trained: the paper's two, the same with its literal targets, the
-same learners on Laguerre features with fresh noise on every simulated vehicle, and one
-for every speed."""
+"""The tuners that are trained: the paper's two, the same predicting the gains themselves, the
+same learners on Laguerre features with fresh noise on every simulated vehicle, and one for
+every speed."""
 
-UNTRAINED: dict[str, type[Tuner]] = {"gb": GrayBox, "oracle": Oracle, "nominal": Nominal}
+SPEEDS = {"ts-ff-lag-vx": (10.0, 33.0)}
+"""Speeds that a recipe is for, if not the paper's vehicle at one speed [m/s]."""
+
+UNTRAINED: dict[str, type[Method]] = {"gb": GrayBox, "oracle": Oracle, "nominal": Nominal}
 """The tuners that need no training."""
 
 NAMES = (*RECIPES, *UNTRAINED, "rl")
 
-TRAINING_SEED = 0
+CALIBRATION = 500
+"""Episodes that calibrate the intervals of a plant's default recipe."""
 
 Progress = Callable[[str, int, int], None]
 
 
 def train(
-    tuner: str | Recipe,
-    task: Task | None = None,
+    what: str | Recipe | Plant,
+    plant: Plant | str | None = None,
     *,
     episodes: int | None = None,
-    seed: int = TRAINING_SEED,
+    seed: int = 0,
+    calibration: int | None = None,
     name: str | None = None,
     progress: Progress | None = None,
-    dataset: Examples | None = None,
-) -> TwoStage:
+    data: Examples | None = None,
+) -> Tuner:
     """Train a two-stage tuner on simulated episodes of the ``train`` set.
 
     Parameters
     ----------
-    tuner : str or Recipe
-        One of `RECIPES`, or any other combination of the three parts.
-    task : Task, optional
-        What it shall work for; the default vehicles at the recipe's speeds if not given.
+    what : str, Recipe or Plant
+        One of `RECIPES`, a recipe of your own, or a plant, which gets its default recipe.
+    plant : Plant or str, optional
+        What it is made for, or the plant's entry ``"module:attribute"``; the paper's vehicles if
+        omitted.
     episodes : int, optional
-        Simulated vehicles, the recipe's if not given; 80 % train, the rest validate.
+        Simulated plants, the recipe's if omitted; 80 % train, the rest validate.
     seed : int
         Of the data and of the learner.
+    calibration : int, optional
+        Episodes that calibrate the intervals; 0 leaves those of a normal error.  By default
+        `CALIBRATION` for a plant's default recipe, else 0.
     name : str, optional
         What the record calls it; its name in `RECIPES`, or else ``"custom"``.
     progress : callable, optional
-        Called with what is being done, how far it is, and how far it goes.
-    dataset : Examples, optional
-        Data already simulated with this compressor, instead of new.
+        Called with the stage's name, how far it is, and how far it goes.
+    data : Examples, optional
+        Data already simulated with these features, instead of new ones.
     """
-    known, recipe = named(tuner)
-    task = Task(prior=Prior(v_x=recipe.v_x)) if task is None else _checked(task)
+    if calibration is not None:
+        check_calibration(calibration)
+    recipe: Recipe
+    if isinstance(what, Plant) or (isinstance(what, str) and ":" in what):
+        plant, known = find(what), "two-stage"
+        recipe = recipe_for(plant)
+        calibration = CALIBRATION if calibration is None else calibration
+    else:
+        known, recipe = recipe_named(what)
+        plant = yaw_rate(_task(known)) if plant is None else find(plant)
+    designed(plant)
     stages, training = fit(
-        yaw_rate(task, recipe.coordinates),
-        recipe,
-        count=episodes,
-        seed=seed,
-        name=name or known,
-        data=dataset,
-        progress=progress,
+        plant, recipe, count=episodes, seed=seed, name=name or known, data=data, progress=progress
     )
-    return TwoStage(task, stages, recipe.coordinates, training)
+    tuner = Tuner(plant, stages, training)
+    if calibration:
+        calibrate(tuner, calibration, seed, progress)
+    return tuner
 
 
-def named(tuner: str | Recipe) -> tuple[str, Recipe]:
+def recipe_named(recipe: str | Recipe) -> tuple[str, Recipe]:
     """A recipe and what to call it."""
-    if isinstance(tuner, Recipe):
-        return next((name for name, of in RECIPES.items() if of == tuner), "custom"), tuner
-    return tuner, RECIPES[validation.one_of("tuner", tuner, tuple(RECIPES))]
+    if isinstance(recipe, str):
+        return recipe, RECIPES[validation.one_of("tuner", recipe, tuple(RECIPES))]
+    remedy = "Give a name, a tuners.Recipe or a tuners.Plant."
+    validation.instance("recipe", recipe, Recipe, remedy=remedy)
+    return next((name for name, known in RECIPES.items() if known == recipe), "custom"), recipe
 
 
-def load(name: str | os.PathLike[str], task: Task | None = None) -> Tuner:
+def _task(name: str) -> Task:
+    """The paper's vehicles at a recipe's speeds."""
+    return Task(prior=Prior(v_x=SPEEDS[name])) if name in SPEEDS else Task()
+
+
+def load(name: str | os.PathLike[str], plant: Plant | None = None) -> Tuner:
     """A tuner ready to use: by name, or from a ``.tuner`` file.  Nothing is trained.
 
     Parameters
     ----------
     name : str or path
         One of `NAMES`, or a file that `Tuner.save` wrote.
-    task : Task, optional
-        What the tuners that need no training shall work for; the trained ones keep
-        the task that they were trained for.
+    plant : Plant, optional
+        What the tuners that need no training are made for, the paper's vehicles if omitted; for
+        a file its plant, if it should not be imported from the entry that the file names.
+        Importing a plant runs its code: look at it first where it comes from somebody else.
 
     Raises
     ------
     ValueError
-        No such name, or a file that is damaged, foreign or missing.
+        No such name; a file that is damaged, foreign or missing; or a plant that is missing or
+        has changed since the tuner was trained.
     """
-    task = Task() if task is None else _checked(task)
-    if str(name).endswith(model_file.SUFFIX):
-        return from_file(name)
+    if plant is not None:
+        validation.instance("plant", plant, Plant, remedy="Describe a tuners.Plant.")
+    if str(name).endswith(tuner_file.SUFFIX):
+        return from_file(name, plant)
     validation.one_of("tuner", name, NAMES)
     if str(name) in UNTRAINED:
-        return UNTRAINED[str(name)](task)
+        method = UNTRAINED[str(name)].from_file({}, {})
+        return Tuner(plant or yaw_rate(Task()), method, {"name": str(name)})
     return from_file(shipped(str(name)))
-
-
-def _checked(task: Task) -> Task:
-    if not isinstance(task, Task):
-        raise ValueError(
-            f"task = {task!r} is not a Task. Make one with yawrate_env.vehicle.task.Task."
-        )
-    return task
 
 
 def shipped(name: str) -> Path:
     """Where the package keeps the trained tuner `name`."""
-    return Path(str(files("tuners") / "models" / f"{name}{model_file.SUFFIX}"))
+    return Path(str(files("tuners") / "models" / f"{name}{tuner_file.SUFFIX}"))
 
 
-def from_file(path: str | os.PathLike[str]) -> Tuner:
-    """Read a tuner that `Tuner.save` wrote."""
-    settings, arrays = model_file.read(path)
-    if settings.get("kind") == "plant":
-        raise model_file.ModelFileError(
-            f"{path} is for a plant. Use tuners.plants.load, or the command tune."
+def from_file(path: str | os.PathLike[str], plant: Plant | None = None) -> Tuner:
+    """Read a tuner that `Tuner.save` wrote, and try it once."""
+    settings, arrays = tuner_file.read(path)
+    kinds: dict[str, type[Method]] = {kind.kind: kind for kind in UNTRAINED.values()}
+    kinds[Stages.kind] = Stages
+    with tuner_file.rebuilding(path):
+        found = tuner_file.plant_of(path, settings, plant)
+        method = kinds[settings["method"]].from_file(settings, arrays)
+        factors = validation.finite_array(
+            "calibration", settings["calibration"], shape=(len(found.counted),)
         )
-    known: tuple[type[Tuner], ...] = (*UNTRAINED.values(), TwoStage, RLTuner)
-    kinds = {cls.kind: cls for cls in known}
-    with model_file.rebuilding(path):
-        tuner = kinds[settings["kind"]].from_file(settings, arrays)
-        tuner.calibration = Calibration(**settings.get("calibration", {}))
-    return tuner
+        if (factors < 0).any():
+            raise ValueError(f"calibration has {factors.min():g}, which is no width.")
+        validation.instance("training", settings["training"], dict, remedy="")
+        return Tuner(found, method, settings["training"], tuple(factors.tolist()))

@@ -1,6 +1,6 @@
 """Two tanks in series: a PI level loop for a nonlinear process with unknown outlets.
 
-    python examples/plants/two_tanks.py
+    python scripts/compare_plant.py examples/plants/two_tanks.py
 
 Water is pumped into the upper tank, runs through its outlet into the lower one, and
 through that one's outlet away (Torricelli's law, flow a sqrt(2 g h)).  The outlets' areas and
@@ -13,11 +13,12 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from tuners import plants
+from yawrate_env.plant.plant import Plant
+from yawrate_env.plant.responses import ClosedLoop, Response
 from yawrate_env.signals.excitation import prbs
 
 AREA, G = 30.0, 981.0  # cross sections [cm2], gravity [cm/s2]
-LEVEL, RISE = 10.0, 2.0  # lower tank, where the loop shall work and be judged by a step [cm]
+LEVEL, RISE = 10.0, 2.0  # lower tank, where the loop shall work, and be evaluated by a step [cm]
 TS, N = 2.0, 600
 TAU_C = 20.0  # wanted time constant of the closed loop [s]
 SIGNALS = "pump [V]", "lower level [cm]"
@@ -86,9 +87,9 @@ def raised(theta, gains):
 
 
 @njit
-def judge(theta, gains):
+def evaluate(theta, gains):
     """Rise time [s] and integrated error [cm s] after that step, with the nonlinear tanks."""
-    figures = np.empty((len(theta), 2))
+    metrics = np.empty((len(theta), 2))
     for i in range(len(theta)):
         level, _ = raised(theta[i], gains[i])
         before, rise, area = RISE, np.inf, 0.0
@@ -97,29 +98,29 @@ def judge(theta, gains):
             if e < 0.1 * RISE and rise == np.inf:  # passed 90 % since the sample before
                 rise = TS * (k - (0.1 * RISE - e) / (before - e))
             before, area = e, area + TS * abs(e)
-        figures[i] = rise, area
-    return figures
+        metrics[i] = rise, area
+    return metrics
 
 
 def loop(theta, gains):
     """That step, for reports to draw."""
     level, volts = raised(theta, gains)
     t = TS * np.arange(len(level))
-    return plants.ClosedLoop(
+    return ClosedLoop(
         (
-            plants.Response(f"Step of the level by {RISE:g} cm", t, level, wanted=LEVEL + RISE),
-            plants.Response("What the pump does for it", t, volts, label=SIGNALS[0]),
+            Response(f"Step of the level by {RISE:g} cm", t, level, wanted=LEVEL + RISE),
+            Response("What the pump does for it", t, volts, label=SIGNALS[0]),
         )
     )
 
 
-plant = plants.Plant(
+plant = Plant(
     prior={"a1": (0.3, 0.5), "a2": (0.3, 0.5), "pump": (8.0, 12.0)},  # cm2, cm2, cm3/(s V)
     simulate=simulate,
     design=design,
-    evaluate=judge,
+    evaluate=evaluate,
     gains=("kp", "Ti"),
-    metrics={"rise time [s]": 5.0, "integrated error [cm s]": 5.0},
+    metrics={"rise_time [s]": 5.0, "integrated_error [cm s]": 5.0},
     u=5.0 + prbs(N, TS, bit_time=40.0, amplitude=2.0)[0],
     Ts=TS,
     noise=0.1,  # cm
@@ -127,8 +128,3 @@ plant = plants.Plant(
     loop=loop,
     entry="two_tanks:plant",
 )
-
-if __name__ == "__main__":
-    from studies.plants import main
-
-    main(plant)

@@ -1,4 +1,8 @@
-"""The second stages by name, as model files know them."""
+"""Second stage: features to the controller's coordinates.
+
+Each module has the settings of a learner, which `fit` trains, and the trained learner, which
+predicts.  Learners see numbers alone: nothing here knows plants or recordings.
+"""
 
 from typing import Any
 
@@ -16,3 +20,4 @@ LEARNERS: dict[str, Any] = {
     "trend": Trend,
     "agent": Agent,
 }
+"""Trained second stages by the name that tuner files know."""

@@ -88,7 +88,8 @@ def functions_for(plant: Plant) -> Laguerre:
     take that for its own, and a recording from rest look as if it began in mid-drive.
     """
     if plant.black_box is not None:
-        return plant.black_box
+        order, pole = plant.black_box
+        return Laguerre(order, pole)
     for order in ORDERS:
         functions = suited(plant, min(order, len(plant.u) // _SAMPLES))
         if not plant.linear or functions.order < order or _hidden(plant, functions):

@@ -13,7 +13,6 @@ deviation, the factor calibrated by split conformal prediction (Lei et al., 2018
 scaled error as score.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,15 +21,10 @@ from numpy.typing import NDArray
 from tuners.trust.black_box import BlackBox
 from tuners.trust.fit import Fit, fit, most_coloured
 from tuners.trust.identification import central
-from tuners.tuner.result import Check
-from yawrate_env.plant.names import check_name
+from yawrate_env.plant.names import check_name, split
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
-
-LEVEL = 0.9
-GAUSSIAN = 1.6449
-"""Half width of the interval of `LEVEL` in standard deviations, for a normal error."""
 
 _DOUBT = 3.0  # standard deviations that a finding must exceed to count
 _STEP = 1e-3  # of a range: figures may come from a simulation's samples
@@ -91,6 +85,31 @@ MESSAGES = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One of the questions that decide on trust.
+
+    Attributes
+    ----------
+    name : str
+        Short, as a table shows it.
+    value, limit : float
+        What was found, and the largest value that passes.
+    message : str
+        What it means where it fails.
+    """
+
+    name: str
+    value: float
+    limit: float
+    message: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether the value is within its limit; not-a-number never is."""
+        return bool(self.value <= self.limit)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Finding:
     """What B recordings say to one of the questions: values (B,), their limit, and in words."""
@@ -135,16 +154,8 @@ class Assessment:
             for name, finding in self.findings.items()
         )
 
-    def worded(self, messages: Mapping[str, str]) -> "Assessment":
-        """The same in other words."""
-        findings = {
-            name: replace(finding, message=messages.get(name, finding.message))
-            for name, finding in self.findings.items()
-        }
-        return replace(self, findings=findings)
-
-    def beside(self, **findings: Finding) -> "Assessment":
-        """With what is asked of the recordings beside the plant, asked first."""
+    def preceded_by(self, findings: dict[str, Finding]) -> "Assessment":
+        """The same with further checks, which come first."""
         return replace(self, findings=findings | self.findings)
 
 
@@ -155,6 +166,7 @@ def assess(
     gains: Array,
     start: Array,
     solved: NDArray[np.bool_],
+    anywhere: bool = False,
 ) -> Assessment:
     """Ask recordings about gains.
 
@@ -166,31 +178,50 @@ def assess(
         Outputs as recorded.
     gains : (B, k) float64
     start : (B, p) float64
-        Where the search for the plant starts, with what is measured beside the recordings.
+        Where the search for the plant starts, with the measured parameters of the recordings.
     solved : (B,) bool
         Whether the gains' own numerics succeeded.
+    anywhere : bool
+        Whether measured parameters may lie outside the prior, within the search limits.
     """
     with np.errstate(all="ignore"):
         found = fit(plant, model, measured, start)
         sides = np.tile(gains, (2 * max(len(plant.unknown), 1), 1))
-        figures = plant.metric_values(found.theta, gains)
-        error = np.abs(figures - plant.targets(found.theta))
+        metrics = plant.metric_values(found.theta, gains)
+        error = np.abs(metrics - plant.targets(found.theta))
         J = central(plant, found.theta, lambda t: plant.metric_values(t, sides[: len(t)]), _STEP)
         spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, found.covariance, J))
         solved = solved & found.converged & np.isfinite(gains).all(axis=1)
         findings = {
+            **_of_measured(plant, start, anywhere),
             "implausible": _finding("implausible", _implausible(plant, model.u, measured)),
-            **_of_figures(plant, "spread", spread, _INFORMATION),
+            **_of_metrics(plant, "spread", spread, _INFORMATION),
             **_of_recordings(plant, model, found),
-            **_of_figures(plant, "error", error, _MISSED),
+            **_of_metrics(plant, "error", error, _MISSED),
             "unsolved": _finding("unsolved", np.where(solved, 0.0, 1.0)),
         }
-    return Assessment(model, found, figures, spread, findings)
+    worded = {n: replace(f, message=plant.messages.get(n, f.message)) for n, f in findings.items()}
+    return Assessment(model, found, metrics, spread, worded)
 
 
-def _of_figures(plant: Plant, what: str, values: Array, message: str) -> dict[str, Finding]:
+def _of_measured(plant: Plant, theta: Array, anywhere: bool) -> dict[str, Finding]:
+    """How far measured parameters lie outside the range that the tuner was made for."""
+    low, high = plant.limits if anywhere else plant.ranges
+    found = {}
+    for i, name in enumerate(plant.prior):
+        if name in plant.measured:
+            beyond = np.maximum(np.maximum(low[i] - theta[:, i], theta[:, i] - high[i]), 0.0)
+            label = split(plant.label(name))[0]
+            message = f"{label} is outside the range that the tuner was made for: " + (
+                f"{low[i]:g} to {high[i]:g}."
+            )
+            found[label] = Finding(beyond, plant.measured[name], message)
+    return found
+
+
+def _of_metrics(plant: Plant, what: str, values: Array, message: str) -> dict[str, Finding]:
     """A finding for each figure, named by it without its unit."""
-    names = (check_name(name, what) for name in plant.metrics)
+    names = (check_name(name, what) for name in plant.counted)
     parts = zip(names, values.T, plant.metric_setting(what), strict=True)
     return {name: Finding(v, float(limit), message) for name, v, limit in parts}
 
@@ -255,18 +286,3 @@ def _outside(plant: Plant, found: Fit) -> Array:
     slack = _DOUBT * np.sqrt(np.einsum("bii->bi", found.covariance))
     beyond = np.maximum(low[free] - theta, theta - high[free]) / plant.width
     return np.asarray(np.maximum(beyond - slack, 0).max(axis=1, initial=0.0))
-
-
-def conformal(predicted: Array, spread: Array, actual: Array, level: float = LEVEL) -> Array:
-    """Split conformal factors (f,) from calibration episodes, (E, f) each.
-
-    The factor is the ceil((E + 1) level)-th smallest scaled error, which makes intervals
-    hold with probability `level` or more whatever the errors' distribution; too few
-    episodes have none, and ``inf``.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scores = np.abs(actual - predicted) / spread
-    scores = np.where(actual == predicted, 0.0, scores)  # 0/0: it was certain
-    scores = np.sort(np.where(np.isnan(scores), np.inf, scores), axis=0)
-    rank = int(np.ceil((len(scores) + 1) * level))
-    return np.asarray(scores[rank - 1] if rank <= len(scores) else np.full(scores.shape[1], np.inf))

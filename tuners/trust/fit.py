@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tuners.trust.black_box import BlackBox, free_responses
 from tuners.trust.identification import (
     LARGEST_STEP,
-    Found,
+    Identified,
     identify,
     identify_from_several,
     inverse_of,
@@ -25,7 +25,7 @@ from yawrate_env.plant.plant import Plant
 Array = NDArray[np.float64]
 
 _POLISHING = 3
-_BAND = (1 / 7.5, 1 / 0.3)  # of the crossover: where noise matters to the figures
+_BAND = (1 / 7.5, 1 / 0.3)  # of the crossover: where noise matters to the metrics
 _COLOURED = 1.7  # noise stronger by this in the band: more than chance for white noise
 
 
@@ -71,7 +71,7 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     start : (B, p) float64
         Where the search starts, with what is measured beside the recordings.
     """
-    found = _anywhere(plant, model.u, model.y, start)
+    found = search(plant, model.u, model.y, start)
     theta, limits = found.theta, plant.limits
     for _ in range(_POLISHING if model.unknown.any() else 0):
         error, slopes = _signals(plant, theta, model)
@@ -88,21 +88,27 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     return Fit(theta, found.converged, measured - error, error, noise, covariance)
 
 
-def _anywhere(plant: Plant, u: Array, y: Array, start: Array) -> Found:
-    """The best that the plant's own search finds, or that by differences, beyond the prior too."""
-    if plant.search is None:
-        inside = identify_from_several(plant, u, y, start)
-        return identify(plant, u, y, inside.theta, beyond=True)
-    found, converged = plant.search(u, y, start)
-    theta, free, (low, high) = start.copy(), plant.unknown, plant.limits
-    theta[:, free] = np.clip(found[:, free], low[free], high[free])
-    return Found(theta, np.full(len(y), np.nan), converged)
+def search(plant: Plant, u: Array, y: Array, start: Array) -> Identified:
+    """Find a plant anywhere within its search limits.
+
+    With exact slopes one start is enough, as is the end of the search for a linear model's
+    parameters; without them several starts within the prior come first.
+    """
+    if plant.linear_model is not None:
+        rough = search(plant.linear_model, u, y, start).theta
+        begin = np.clip(rough, *plant.limits)
+        begin[:, plant.known] = start[:, plant.known]
+    elif plant.sensitivity is not None:
+        begin = start
+    else:
+        begin = identify_from_several(plant, u, y, start).theta
+    return identify(plant, u, y, begin, beyond=True)
 
 
 def noise_level(residual: Array, Ts: float, crossover: float | None) -> Array:
     """Mean square of residuals (B, N), or their power around the crossover if that is more.
 
-    What counts for the figures is noise that the input could have caused.  White noise
+    What counts for the metrics is noise that the input could have caused.  White noise
     has the same power everywhere, and its mean square is the better estimate of it.
     """
     overall = (residual**2).mean(axis=1)

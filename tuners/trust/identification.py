@@ -1,9 +1,10 @@
-"""The gray box of any plant: parameters by Gauss-Newton, derivatives by differences.
+"""The gray box: parameters of any plant behind recordings, by Gauss-Newton steps.
 
-The sum of squared output errors (for white noise and a simulator without randomness of
-its own the prediction error) is minimised from the middle of the prior by damped steps
-in parameters scaled by their ranges.  A parameter that is pressed against a limit stays
-there.  Parameters that are measured keep their values.
+The sum of squared output errors (for white noise and a simulator without randomness of its
+own the prediction error) is minimised by damped steps.  Slopes come from the plant where it
+has exact ones (`yawrate_env.plant.sensitivity`), and else from central differences in
+parameters scaled by their ranges.  A parameter that is pressed against a limit stays there.
+Measured parameters keep their values.
 """
 
 from collections.abc import Callable
@@ -15,45 +16,77 @@ from numpy.typing import NDArray
 from yawrate_env.batch import replaced, take
 from yawrate_env.plant.episodes import sample
 from yawrate_env.plant.plant import Plant
+from yawrate_env.plant.sensitivity import Sensitivity
 
 Array = NDArray[np.float64]
 
 STEP = 1e-4  # of a range, central
+LARGEST_STEP = 0.5  # of a range
 _OTHER_STARTS = 4
 _MAX_STEPS = 40
 _TOLERANCE = 1e-10
-_ROUNDING = 1e-20  # of the output's energy: without noise the cost ends here
-LARGEST_STEP = 0.5
-_ROOM = 1e-9  # nearer than this to a limit is on it
+_GAINED = 1e-4  # of the cost: a last step that gained more is not the last
+_ROUNDING = 1e-24  # of the output's energy: without noise the cost ends here
+_ROOM = 1e-9  # of a range: nearer to a limit is on it
 _DAMPING = 1e8  # beyond it no step helps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
-    """Where a search for B recordings' parameters ended.
+class Identified:
+    """Parameters found behind B recordings.
 
     Attributes
     ----------
     theta : NDArray
-        (B, p) parameters, those that are measured as given.
+        (B, p) parameters, measured ones as given.
     cost : NDArray
         (B,) sum of squared output errors.
     converged : NDArray
         (B,) whether the last step promised nothing more.
+    steps : NDArray
+        (B,) evaluations of the slopes.
     """
 
     theta: Array
     cost: Array
     converged: NDArray[np.bool_]
+    steps: NDArray[np.int64]
 
 
-def identify_from_several(plant: Plant, u: Array, y: Array, start: Array | None = None) -> Found:
-    """The best of `identify` from the prior's middle and from other places in it."""
+@dataclass(frozen=True, slots=True)
+class Differences:
+    """Normal equations by central differences, in parameters scaled by their ranges."""
+
+    plant: Plant
+    largest_step: float = LARGEST_STEP
+
+    def encode(self, theta: Array) -> Array:
+        """Parameters (B, p) to the unknown ones in widths of their ranges (B, q)."""
+        return np.asarray(theta[:, self.plant.unknown] / self.plant.width)
+
+    def decode(self, z: Array, theta: Array) -> Array:
+        """Parameters (B, p) with the scaled values in place of those in `theta`."""
+        found = theta.copy()
+        found[:, self.plant.unknown] = z * self.plant.width
+        return found
+
+    def gram(self, theta: Array, u: Array, y: Array) -> Array:
+        """Inner products (B, 1 + q, 1 + q) of output error and slopes over the recordings."""
+        error = y - self.plant.respond(theta, u)
+        slopes = output_slopes(self.plant, theta, u)
+        signals = np.concatenate([error[:, None], slopes], axis=1)
+        return np.asarray(signals @ signals.swapaxes(1, 2))
+
+
+def identify_from_several(
+    plant: Plant, u: Array, y: Array, start: Array | None = None
+) -> Identified:
+    """The best of `identify` from the prior's middle and from other points of the prior."""
     start = np.tile(plant.middle, (len(y), 1)) if start is None else start
     best = identify(plant, u, y, start)
-    for place in sample(plant, _OTHER_STARTS):
+    for point in sample(plant, _OTHER_STARTS):
         theta = start.copy()
-        theta[:, plant.unknown] = place[plant.unknown]
+        theta[:, plant.unknown] = point[plant.unknown]
         found = identify(plant, u, y, theta)
         rows = np.flatnonzero(found.cost < best.cost)
         best = replaced(best, rows, take(found, rows))
@@ -62,46 +95,48 @@ def identify_from_several(plant: Plant, u: Array, y: Array, start: Array | None 
 
 def identify(
     plant: Plant, u: Array, y: Array, start: Array | None = None, *, beyond: bool = False
-) -> Found:
+) -> Identified:
     """Find the parameters behind outputs (B, N) of inputs (N,), (1, N) or (B, N).
 
     Parameters
     ----------
     start : (B, p) float64, optional
-        Where the search starts, if not in the middle of the prior.
+        Where the search starts; the middle of the prior if omitted.
     beyond : bool
-        Whether it may leave the prior, to the plant's search limits.  What does so at once
-        may end in a minimum that is none of the prior's.
+        Whether it may leave the prior, to the plant's search limits.  A search that does so at
+        once may end in a minimum that is none of the prior's.
     """
-    low, high = plant.limits if beyond else plant.ranges
-    u, free = np.atleast_2d(u), plant.unknown
-    theta = np.tile(plant.middle, (len(y), 1)) if start is None else start.copy()
-    error, energy = y - plant.respond(theta, u), (y**2).sum(axis=1)
-    cost, damping = (error**2).sum(axis=1), np.full(len(y), 1e-6)
-    slopes = output_slopes(plant, theta, u)
-    converged = np.zeros(len(y), dtype=np.bool_)
-    active = np.arange(len(y))
+    slopes: Sensitivity = plant.sensitivity or Differences(plant)
+    u, count, q = np.atleast_2d(u), len(y), len(plant.unknown)
+    theta = np.tile(plant.middle, (count, 1)) if start is None else start.copy()
+    ends = plant.limits if beyond else plant.ranges
+    low, high = (slopes.encode(np.broadcast_to(end, theta.shape).copy()) for end in ends)
+    z = slopes.encode(theta)
+    cost, gram = np.full(count, np.inf), np.zeros((count, 1 + q, 1 + q))
+    damping, step = np.full(count, 1e-6), np.zeros((count, q))
+    converged, steps = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.int64)
+    rounding = _ROUNDING * np.einsum("bn,bn->b", y, y)
+    active = np.arange(count)
     for _ in range(_MAX_STEPS):
-        at = theta[active][:, free]
-        room = [(at - low[free]) / plant.width > _ROOM, (high[free] - at) / plant.width > _ROOM]
-        step, promised = _step(slopes[active], error[active], damping[active], *room)
-        done = promised <= _TOLERANCE * cost[active] + _ROUNDING * energy[active]
+        trial = z[active] + step[active]
+        found = slopes.gram(slopes.decode(trial, theta[active]), _rows(u, active), y[active])
+        steps[active] += 1
+        better = found[:, 0, 0] < cost[active]  # not where the simulator gave nan
+        gained = np.where(better, cost[active] - found[:, 0, 0], 0.0)
+        to = active[better]
+        z[to], cost[to], gram[to] = trial[better], found[better, 0, 0], found[better]
+        damping[active] *= np.where(better, 0.1, 100.0)
+        step[active], promised = _step(
+            gram[active], damping[active], z[active], low[active], high[active],
+            slopes.largest_step,
+        )  # fmt: skip
+        done = promised <= _TOLERANCE * cost[active] + rounding[active]
+        done &= gained <= _GAINED * cost[active] + rounding[active]
         converged[active[done]] = True
-        keep = ~done & (damping[active] < _DAMPING)
-        active, step = active[keep], step[keep]
+        active = active[~done & (damping[active] < _DAMPING) & np.isfinite(cost[active])]
         if not len(active):
             break
-        trial = moved(plant, theta[active], step, low, high)
-        output = plant.respond(trial, _rows(u, active))
-        found = ((y[active] - output) ** 2).sum(axis=1)
-        better = found < cost[active]  # not where the simulator gave nan
-        damping[active] *= np.where(better, 0.1, 100.0)
-        to = active[better]
-        if len(to):
-            theta[to], cost[to] = trial[better], found[better]
-            error[to] = y[to] - output[better]
-            slopes[to] = output_slopes(plant, theta[to], _rows(u, to))
-    return Found(theta, cost, converged)
+    return Identified(slopes.decode(z, theta), cost, converged, steps)
 
 
 def output_slopes(plant: Plant, theta: Array, u: Array | None = None) -> Array:
@@ -130,45 +165,20 @@ def covariance_of(slopes: Array, sigma: Array) -> Array:
     return np.asarray(sigma[:, None, None] ** 2 * inverse_of(slopes))
 
 
-def _rows(u: Array, index: NDArray[np.intp]) -> Array:
-    return u if len(u) == 1 else u[index]
-
-
-def _step(
-    slopes: Array,
-    error: Array,
-    damping: Array,
-    may_fall: NDArray[np.bool_],
-    may_rise: NDArray[np.bool_],
-) -> tuple[Array, Array]:
-    """Damped Gauss-Newton steps (B, q), and the decrease they promise (B,)."""
-    normal = slopes @ slopes.swapaxes(1, 2)
-    slope = (slopes @ error[..., None])[..., 0]
-    free = np.where(slope < 0, may_fall, may_rise)
-    slope = np.where(free, slope, 0.0)
-    eye = np.eye(slopes.shape[1])
-    mask = free[:, :, None] & free[:, None, :]
-    scale = np.einsum("bii->bi", normal).max(axis=1, initial=0.0)
-    scale = np.where(scale > 0, scale, 1.0)[:, None, None]
-    lifted = np.where(mask, normal, 0.0) * (1 + damping[:, None, None] * eye)
-    lifted = lifted + (~free[:, :, None] * eye + 1e-14) * scale * eye
-    step = np.linalg.solve(lifted, slope[..., None])[..., 0]
-    promised = (step * slope).sum(axis=1)
-    largest = np.abs(step).max(axis=1, keepdims=True, initial=0.0)
-    return step * np.minimum(1.0, LARGEST_STEP / np.maximum(largest, 1e-300)), promised
-
-
 def moved(plant: Plant, theta: Array, step: Array, low: Array, high: Array) -> Array:
     """Parameters after steps (B, q) in widths, each as far as the first limit that it meets."""
-    free = plant.unknown
-    at, change = theta[:, free], step * plant.width
+    free, found = plant.unknown, theta.copy()
+    found[:, free] = _until_limit(theta[:, free], step * plant.width, low[free], high[free])
+    return found
+
+
+def _until_limit(at: Array, change: Array, low: Array, high: Array) -> Array:
+    """Values (B, q) after a change, as far as the first limit that it meets."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(change > 0, high[free] - at, low[free] - at) / change
+        room = np.where(change > 0, high - at, low - at) / change
     room = np.where(change == 0, 1.0, np.maximum(room, 0.0))
     fraction = room.min(axis=1, keepdims=True, initial=1.0)
-    moved = theta.copy()
-    moved[:, free] = np.clip(at + fraction * change, low[free], high[free])
-    return moved
+    return np.asarray(np.clip(at + fraction * change, low, high))
 
 
 def inverse_of(slopes: Array) -> Array:
@@ -185,3 +195,29 @@ def inverse_of(slopes: Array) -> Array:
     with np.errstate(divide="ignore"):
         inverse = np.linalg.inv(np.where(regular[:, None, None], normal, eye)) / outer
     return np.where(regular[:, None, None], inverse, np.where(eye > 0, np.inf, 0.0))
+
+
+def _rows(u: Array, index: NDArray[np.intp]) -> Array:
+    return u if len(u) == 1 else u[index]
+
+
+def _step(
+    gram: Array, damping: Array, z: Array, low: Array, high: Array, largest: float
+) -> tuple[Array, Array]:
+    """Damped Gauss-Newton steps (B, q) within the limits, and the decrease they promise (B,).
+
+    No coordinate moves by more than `largest`.
+    """
+    slope, normal = gram[:, 0, 1:], gram[:, 1:, 1:]
+    free = np.where(slope < 0, z - low > _ROOM, high - z > _ROOM)
+    slope = np.where(free, slope, 0.0)
+    eye = np.eye(z.shape[1])
+    mask = free[:, :, None] & free[:, None, :]
+    scale = np.einsum("bii->bi", normal).max(axis=1, initial=0.0)
+    scale = np.where(scale > 0, scale, 1.0)[:, None, None]
+    lifted = np.where(mask, normal, 0.0) * (1 + damping[:, None, None] * eye)
+    lifted = lifted + (~free[:, :, None] * eye + 1e-14) * scale * eye
+    step = np.linalg.solve(lifted, slope[..., None])[..., 0]
+    promised = (step * slope).sum(axis=1)
+    step = np.clip(step, -largest, largest)
+    return _until_limit(z, step, low, high) - z, promised

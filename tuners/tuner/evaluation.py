@@ -1,97 +1,89 @@
-"""The same episodes to every tuner or policy, one judge, one row an episode and tuner."""
+"""Evaluate tuners and policies on the same episodes: one row an episode and tuner."""
 
 import csv
 import io
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.trust.bound import cramer_rao
+from tuners.trust.identification import identify, identify_from_several
 from tuners.tuner.recording import Recording
+from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.batch import concatenate
 from yawrate_env.files import write_text
-from yawrate_env.vehicle.contexts import ContextSet
-from yawrate_env.vehicle.episode import loops, record
-from yawrate_env.vehicle.single_track import Context
-from yawrate_env.vehicle.task import Task
+from yawrate_env.plant.episodes import BLOCK, Episodes, recorded
+from yawrate_env.plant.names import split
+from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-COLUMNS = (
-    "tuner",
-    "episode",
-    "mu_s",
-    "M_delta",
-    "v_x",
-    "kp",
-    "Ti",
-    "phase_margin",
-    "crossover",
-    "stable",
-    "seconds",
-)
-
-_CHUNK = 256
+TUNER, GRAY_BOX, SEVERAL = "two-stage", "gray box", "gray box, 5 starts"
+NOMINAL, ORACLE = "nominal", "oracle"
 
 
 class Policy(Protocol):
-    """Whatever answers recordings with gains: every tuner, and players of `agents.policies`."""
+    """Answers recordings with gains: every tuner, and the players of `tuners.agents.policies`."""
 
     def act(self, recording: Recording) -> Array:
-        """(B, 2) of (kp, Ti) for B episodes."""
+        """Gains (B, k) for B episodes."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """One tuner's gains on E episodes and what they do; arrays (E,).
+    """One tuner's gains on E episodes of a plant, and what they do.
 
     Attributes
     ----------
     tuner : str
         Its name.
-    context : Context
-        The vehicles.
-    kp, Ti : NDArray
-        Gains, and integral times [s].
-    phase_margin, crossover : NDArray
-        [deg] and [Hz]; ``nan`` where undefined.
+    plant : Plant
+        The plants' description.
+    theta : NDArray
+        (E, p) their parameters.
+    gains : NDArray
+        (E, k) the tuner's.
+    metrics : NDArray
+        (E, f) counted metrics, also of unstable loops where these are defined; ``nan`` elsewhere.
     stable : NDArray
-        Whether the loop is stable.
+        (E,) whether the loop is stable.
     seconds : NDArray
-        From raw arrays to gains, the episode's share of its batch.
+        (E,) from raw arrays to gains, the episode's share of its batch.
     """
 
     tuner: str
-    context: Context
-    kp: Array
-    Ti: Array
-    phase_margin: Array
-    crossover: Array
+    plant: Plant
+    theta: Array
+    gains: Array
+    metrics: Array
     stable: NDArray[np.bool_]
     seconds: Array
 
 
 def evaluate(
     tuners: Mapping[str, Policy],
-    task: Task,
-    contexts: ContextSet,
+    plant: Plant,
+    name: str,
     *,
     episodes: int,
     seed: int,
     batch: int = 1,
     progress: Progress | None = None,
 ) -> list[Evaluation]:
-    """Give every tuner the same `episodes` of a context set.
+    """Give every tuner the same episodes of a set.
 
     Parameters
     ----------
+    name : str
+        The set: ``train``, ``test``, ``extrapolation`` or ``calibration``.
     batch : int
         How many episodes a tuner gets at a time; 1 measures what one answer takes.
     progress : callable, optional
@@ -100,65 +92,153 @@ def evaluate(
     validation.count("episodes", episodes)
     validation.count("seed", seed, at_least=0)
     validation.count("batch", batch)
-    parts: dict[str, list[Evaluation]] = {name: [] for name in tuners}
+    parts: dict[str, list[Evaluation]] = {tuner: [] for tuner in tuners}
     done, total = 0, episodes * len(tuners)
-    for first in range(0, episodes, max(_CHUNK, batch)):
-        count = min(max(_CHUNK, batch), episodes - first)
-        draw = contexts.draw(task.prior, seed, first, count)
-        u, y = record(task, draw)
-        recording = Recording(u, np.asarray(y), task.experiment.Ts, draw.context.v_x, draw.context)
-        judge = loops(task, draw.context)
-        for name, tuner in tuners.items():
-            parts[name].append(_part(name, tuner, recording, judge, batch, warm=first > 0))
-            done += count
+    for block in _blocks(plant, name, seed, episodes, batch):
+        for tuner, policy in tuners.items():
+            warm = bool(parts[tuner])
+            parts[tuner].append(_part(tuner, policy, plant, block, batch, warm=warm))
+            done += len(block)
             if progress is not None:
                 progress(done, total)
     return [concatenate(part) for part in parts.values()]
 
 
 def write_csv(path: str | os.PathLike[str], evaluations: Sequence[Evaluation]) -> None:
-    """Write `COLUMNS`, one row an episode and tuner, completely or not at all."""
+    """Write one row an episode and tuner, completely or not at all.
+
+    Columns are ``tuner, episode``, the plant's parameters, its gains, its counted metrics,
+    ``stable`` and ``seconds``.
+    """
     text = io.StringIO(newline="")
     writer = csv.writer(text)
-    writer.writerow(COLUMNS)
+    writer.writerow(columns(evaluations[0].plant))
     for e in evaluations:
         writer.writerows(_rows(e))
     write_text(path, text.getvalue())
 
 
+def columns(plant: Plant) -> tuple[str, ...]:
+    """Names of the columns that `write_csv` writes."""
+    metrics = (split(name)[0] for name in plant.counted)
+    return "tuner", "episode", *plant.prior, *plant.gains, *metrics, "stable", "seconds"
+
+
+def _blocks(plant: Plant, name: str, seed: int, count: int, batch: int) -> Iterator[Episodes]:
+    """Episodes in pieces that are as large as a tuner's batch, or larger."""
+    size = max(2 * BLOCK, batch)
+    for first in range(0, count, size):
+        yield recorded(plant, name, seed, min(size, count - first), first=first)
+
+
 def _part(
-    name: str, tuner: Policy, recording: Recording, judge: Loops, batch: int, *, warm: bool
+    name: str, policy: Policy, plant: Plant, block: Episodes, batch: int, *, warm: bool
 ) -> Evaluation:
-    count = len(recording)
+    count, k = len(block), len(plant.gains)
+    recording = Recording(block.u, block.y, plant.Ts, block.theta)
     if not warm:
-        tuner.act(recording.part(slice(0, batch)))  # compile before the clock runs
-    kp, Ti, seconds = np.empty(count), np.empty(count), np.empty(count)
+        policy.act(recording.part(slice(0, batch)))  # compile before the clock runs
+    gains, seconds = np.empty((count, k)), np.empty(count)
     for i in range(0, count, batch):
         part = slice(i, min(i + batch, count))
         start = time.perf_counter()
-        actions = tuner.act(recording.part(part))
-        seconds[part] = (time.perf_counter() - start) / len(actions)
-        kp[part], Ti[part] = actions.T
-    verdict = judge.evaluate(kp, Ti)
-    assert recording.context is not None
-    return Evaluation(
-        name,
-        recording.context,
-        kp,
-        Ti,
-        verdict.margins.phase_margin,
-        verdict.margins.crossover,
-        verdict.stable,
-        seconds,
-    )
+        gains[part] = policy.act(recording.part(part))
+        seconds[part] = (time.perf_counter() - start) / len(gains[part])
+    metrics, stable = plant.evaluation(block.theta, gains)
+    chosen = [list(plant.metrics).index(metric) for metric in plant.counted]
+    return Evaluation(name, plant, block.theta, gains, metrics[:, chosen], stable, seconds)
 
 
 def _rows(e: Evaluation) -> list[tuple[object, ...]]:
-    c = e.context
-    columns = (c.mu_s, c.M_delta, c.v_x, e.kp, e.Ti, e.phase_margin, e.crossover)
+    numbers = np.concatenate([e.theta, e.gains, e.metrics], axis=1)
     return [
         (e.tuner, episode, *(f"{v:.12g}" for v in values), bool(stable), f"{seconds:.3e}")
-        for episode, (*values, stable, seconds) in enumerate(
-            zip(*columns, e.stable, e.seconds, strict=True)
+        for episode, (values, stable, seconds) in enumerate(
+            zip(numbers, e.stable, e.seconds, strict=True)
         )
     ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """A trained tuner beside reference tuners on E test episodes.
+
+    Attributes
+    ----------
+    errors : dict
+        Name to (E, f) metrics' distances from what the design rule reaches; ``nan`` where
+        unstable.
+    bound : NDArray
+        (E, f) least standard deviations.
+    trusted, converged : NDArray
+        (E,) whether the tuner's gains were trusted; whether the gray box converged.
+    covered : NDArray
+        (E, f) whether the tuner's 90 % intervals held.
+    """
+
+    errors: dict[str, Array]
+    bound: Array
+    trusted: NDArray[np.bool_]
+    converged: NDArray[np.bool_]
+    covered: NDArray[np.bool_]
+
+    def rms(self, name: str) -> Array:
+        """Root mean square errors (f,) over the stable loops."""
+        return np.asarray(np.sqrt(np.nanmean(self.errors[name] ** 2, axis=0)))
+
+    def unstable(self, name: str) -> int:
+        """Loops that are unstable or have no gains."""
+        return int(np.isnan(self.errors[name]).any(axis=1).sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Compared:
+    tuner: Array
+    gray_box: Array
+    several: Array
+    nominal: Array
+    bound: Array
+    trusted: NDArray[np.bool_]
+    converged: NDArray[np.bool_]
+    covered: NDArray[np.bool_]
+
+
+def compare(tuner: Tuner, count: int, seed: int) -> Comparison:
+    """Tune the first `count` episodes of the ``test`` set with the tuner and its references.
+
+    The gray box is the plant's own simulator, fitted within the prior from its middle, or
+    from several points.
+    """
+    blocks = _blocks(tuner.plant, "test", seed, count, BLOCK)
+    rows = concatenate([_compared(tuner, block) for block in blocks])
+    errors = {
+        TUNER: rows.tuner,
+        GRAY_BOX: rows.gray_box,
+        SEVERAL: rows.several,
+        NOMINAL: rows.nominal,
+        ORACLE: np.where(np.isnan(rows.bound), np.nan, 0.0),
+    }
+    return Comparison(errors, rows.bound, rows.trusted, rows.converged, rows.covered)
+
+
+def _compared(tuner: Tuner, block: Episodes) -> _Compared:
+    plant, theta = tuner.plant, block.theta
+    recording = Recording(block.u, block.y, plant.Ts, theta)
+    gains, found = tuner.assess(recording)
+    start = recording.parameters(plant)
+    gray_box = identify(plant, block.u, block.y, start)
+    several = identify_from_several(plant, block.u, block.y, start)
+    right = plant.metric_values(theta, plant.oracle(theta))
+    actual = plant.metric_values(theta, gains.values)
+    nominal = np.tile(plant.oracle(plant.middle), (len(theta), 1))
+    with np.errstate(invalid="ignore"):
+        return _Compared(
+            actual - right,
+            plant.metric_values(theta, plant.oracle(gray_box.theta)) - right,
+            plant.metric_values(theta, plant.oracle(several.theta)) - right,
+            plant.metric_values(theta, nominal) - right,
+            cramer_rao(plant, theta, block.u),
+            found.trusted,
+            gray_box.converged,
+            np.abs(actual - found.metrics) <= np.array(tuner.calibration) * found.spread,
+        )

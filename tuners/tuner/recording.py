@@ -1,17 +1,22 @@
-"""What a tuner gets: recorded episodes."""
+"""Recorded episodes: what a tuner is given."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from yawrate_env import validation
-from yawrate_env.batch import take
-from yawrate_env.vehicle.plausible import UNSTEADY
-from yawrate_env.vehicle.single_track import LARGEST, Context
+from yawrate_env.plant.names import split
+from yawrate_env.plant.plant import Plant
 
-_LARGEST = 1e6  # [rad], [rad/s]
+Array = NDArray[np.float64]
+
+STEADY, UNSTEADY = 0.05, 0.25
+"""Variation of a measured parameter over its mean that is noted, and that is refused."""
+
+_LARGEST = 1e6  # in any unit: values that can be squared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,105 +26,116 @@ class Recording:
     Attributes
     ----------
     u : NDArray
-        (1, N) or (B, N) float64, steering command [rad].
+        (1, N) or (B, N) float64, inputs.
     y : NDArray
-        (B, N) float64, measured yaw rate [rad/s].
+        (B, N) float64, measured outputs.
     Ts : float
         Sampling time [s].
-    v_x : NDArray or None
-        (B,) speed [m/s], where it is known.
-    context : Context or None
-        The truth, where it is visible; only the oracle looks at it.
+    known : NDArray or None
+        (B, p) parameters of the plants that are known, ``nan`` where they are not: the measured
+        ones, or all where the truth is visible.
     oversampled : float
         Samples for each independent one: above 1 where samples were interpolated.
-    speed_variation : float
-        Peak-to-peak speed over its mean, which `v_x` holds.
+    variation : float
+        Largest peak-to-peak of a measured parameter over its mean.
     """
 
-    u: NDArray[np.float64]
-    y: NDArray[np.float64]
+    u: Array
+    y: Array
     Ts: float
-    v_x: NDArray[np.float64] | None = None
-    context: Context | None = None
+    known: Array | None = None
     oversampled: float = 1.0
-    speed_variation: float = 0.0
+    variation: float = 0.0
 
     @classmethod
-    def of(cls, u: ArrayLike, y: ArrayLike, Ts: float, v_x: ArrayLike | None = None) -> Self:
-        """One episode from two arrays (N,), checked."""
-        command = _signal("u", u)
-        measured = _signal("y", y)
-        if len(command) != len(measured):
+    def of(
+        cls,
+        plant: Plant,
+        u: ArrayLike,
+        y: ArrayLike,
+        Ts: float | None = None,
+        measured: Mapping[str, ArrayLike | None] | None = None,
+    ) -> Self:
+        """One episode of a plant from arrays (N,), checked.
+
+        Parameters
+        ----------
+        Ts : float, optional
+            Sampling time [s]; the plant's if omitted.
+        measured : dict, optional
+            Measured parameters to one value, or one a sample, whose mean counts.
+
+        Raises
+        ------
+        ValueError
+            The episode cannot be used; the message says why and what to do.
+        """
+        input, output = _signal("u", u), _signal("y", y)
+        if len(input) != len(output):
             raise ValueError(
-                f"u has {len(command)} samples and y has {len(measured)}. Cut them to one length."
+                f"u has {len(input)} samples and y has {len(output)}. Cut them to one length."
             )
-        validation.count("number of samples", len(command), at_least=2, remedy="Record more.")
+        validation.count("number of samples", len(input), at_least=2, remedy="Record more.")
+        Ts = plant.Ts if Ts is None else Ts
         validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
-        if v_x is None:
-            return cls(command[None], measured[None], Ts)
-        mean, variation = _mean_speed(v_x, len(measured))
-        return cls(command[None], measured[None], Ts, np.array([mean]), speed_variation=variation)
+        given = {name: value for name, value in (measured or {}).items() if value is not None}
+        known, variation = _measured(plant, given, len(output))
+        return cls(input[None], output[None], float(Ts), known, variation=variation)
 
     @classmethod
-    def of_observations(cls, obs: ArrayLike, Ts: float) -> tuple[Self, bool]:
-        """Episodes from environment observations, and whether it was a single one.
+    def of_observations(cls, plant: Plant, obs: ArrayLike) -> tuple[Self, bool]:
+        """Episodes from observations of a plant's environment, and whether it was a single one.
 
         Parameters
         ----------
         obs : (rows, N) or (B, rows, N)
-            Rows as in the environment: command, yaw rate, then ``v_x`` if the speed is
-            visible, and ``mu_s, M_delta`` too if the context is.
+            Rows as in the environment: input, output, then the measured parameters if they are
+            visible, and all others too if the truth is.
         """
         array = validation.real_array("obs", obs)
         if array.dtype != np.float32:  # a batch of the environment's is converted last, in parts
             array = np.asarray(array, dtype=np.float64)
         single = array.ndim == 2
         array = array[None] if single else array
-        if array.ndim != 3 or array.shape[1] not in (2, 3, 5) or not array.shape[2]:
+        rows = _rows(plant)
+        if array.ndim != 3 or array.shape[1] not in rows or not array.shape[2]:
+            wanted = ", ".join(map(str, sorted(rows)))
             raise ValueError(
-                f"obs has shape {np.shape(obs)}, wanted (rows, N) or (B, rows, N) with 2, 3 or 5 "
-                "rows, as yawrate/PITuning-v0 gives them."
+                f"obs has shape {np.shape(obs)}, wanted (rows, N) or (B, rows, N) with {wanted} "
+                "rows, as the plant's environment gives them."
+            )
+        if array.shape[2] != len(plant.u):
+            raise ValueError(
+                f"obs has {array.shape[2]} samples, this tuner's episodes have {len(plant.u)} of "
+                f"{plant.Ts:g} s. Use tune(u, y, Ts), or train a tuner for this experiment."
             )
         if not np.isfinite(array).all():
             validation.finite_array("obs", array, shape=(None, None, None))  # says where
-        _squarable("obs", array[:, :2])
-        _positive(array[:, 2:3, 0])
+        _check_size("obs", array[:, :2])
+        known = None
+        if names := rows[array.shape[1]]:
+            known = np.full((len(array), len(plant.prior)), np.nan)
+            known[:, plant.indices(names)] = array[:, 2:, 0]
+            _check_known(plant, names, known)
         u = array[:, 0]
         u = u[:1] if (u == u[:1]).all() else u
-        v_x = array[:, 2, 0].astype(np.float64) if array.shape[1] > 2 else None
-        context = (
-            Context.of(array[:, 3, 0], array[:, 4, 0], v_x)
-            if v_x is not None and array.shape[1] == 5
-            else None
-        )
-        command, measured = (x.astype(np.float64, order="C") for x in (u, array[:, 1]))
-        return cls(command, measured, Ts, v_x, context), single
+        input, output = (x.astype(np.float64, order="C") for x in (u, array[:, 1]))
+        return cls(input, output, plant.Ts, known), single
 
     def __len__(self) -> int:
         return len(self.y)
 
-    def beside(self, names: tuple[str, ...]) -> NDArray[np.float64]:
-        """Values (B, m) of the context that are known beside the signals."""
-        shown = self.context
-        if shown is None and names:
-            if self.v_x is None or names != ("v_x",):
-                raise ValueError(f"The recording must come with {', '.join(names)}.")
-            return self.v_x[:, None]
-        columns = [getattr(shown, name) for name in names]
-        return np.stack(columns, axis=1) if columns else np.empty((len(self), 0))
-
     def part(self, index: slice) -> "Recording":
         """Some of the episodes."""
         u = self.u if len(self.u) == 1 else self.u[index]
-        v_x = None if self.v_x is None else self.v_x[index]
-        context = None if self.context is None else take(self.context, index)
-        return Recording(u, self.y[index], self.Ts, v_x, context, self.oversampled)
+        known = None if self.known is None else self.known[index]
+        return replace(self, u=u, y=self.y[index], known=known)
 
     def resampled(self, Ts: float) -> "Recording":
         """The same episodes sampled at another `Ts` [s].
 
-        The command is held between its samples, as a digital output holds it; the yaw rate,
-        four integrations further on, is smooth and follows a cubic spline.
+        The input is held between its samples, as a digital output holds it; the output
+        follows a cubic spline.
         """
         if np.isclose(self.Ts, Ts, rtol=1e-6):
             return self
@@ -140,41 +156,83 @@ class Recording:
             oversampled=max(self.oversampled, self.Ts / Ts),
         )
 
+    def parameters(self, plant: Plant) -> Array:
+        """Parameters (B, p) with the measured ones as known, and the others in mid-prior."""
+        theta = np.tile(plant.middle, (len(self), 1))
+        for name in plant.measured:
+            (i,) = plant.indices((name,))
+            values = np.full(len(self), np.nan) if self.known is None else self.known[:, i]
+            low, high = plant.prior[name]
+            if low < high and np.isnan(values).any():
+                raise ValueError(
+                    f"{name} is needed: this tuner covers {low:g} to {high:g}. Give what was "
+                    f"measured with the recording, as in {name}={high:g}."
+                )
+            theta[:, i] = np.where(np.isnan(values), theta[:, i], values)
+        return theta
 
-def _signal(name: str, value: ArrayLike) -> NDArray[np.float64]:
+
+def _rows(plant: Plant) -> dict[int, tuple[str, ...]]:
+    """Numbers of rows that observations may have, to the parameters in those after the second."""
+    measured = tuple(name for name in plant.prior if name in plant.measured)
+    every = measured + tuple(name for name in plant.prior if name not in plant.measured)
+    return {2 + len(names): names for names in (every, measured, plant.measured_names, ())}
+
+
+def _signal(name: str, value: ArrayLike) -> Array:
     """Finite values (N,) of a size that can be squared."""
     signal = validation.finite_array(name, value, shape=(None,))
-    _squarable(name, signal)
+    _check_size(name, signal)
     return signal
 
 
-def _squarable(name: str, values: NDArray[np.floating]) -> None:
+def _check_size(name: str, values: NDArray[np.floating]) -> None:
     if values.size:
         largest = float(max(values.max(), -values.min()))
-        validation.number(
-            f"largest |{name}|", largest, at_most=_LARGEST, remedy="Use rad and rad/s."
-        )
+        validation.number(f"largest |{name}|", largest, at_most=_LARGEST, remedy="Use SI units.")
 
 
-def _positive(speeds: NDArray[np.floating]) -> None:
-    for speed in (speeds.min(), speeds.max()) if speeds.size else ():
-        validation.number("v_x", speed, above=0.0, at_most=LARGEST["v_x"], remedy="Use m/s.")
+def _check_known(plant: Plant, names: tuple[str, ...], known: Array) -> None:
+    """Refuse measured parameters (B, p) that no recording of the plant has."""
+    for name in names:
+        if name in plant.measured and len(known):
+            values = known[:, plant.indices((name,))]
+            plant.check_value(name, values.min())
+            plant.check_value(name, values.max())
 
 
-def _mean_speed(v_x: ArrayLike, N: int) -> tuple[float, float]:
-    """Mean and relative variation of one speed, or of one for each of `N` samples."""
-    speeds = validation.finite_array(
-        "v_x", np.atleast_1d(validation.real_array("v_x", v_x)), shape=(None,)
+def _measured(plant: Plant, given: Mapping[str, Any], N: int) -> tuple[Array | None, float]:
+    """Known parameters (1, p) and the largest variation of one."""
+    known, variation = np.full((1, len(plant.prior)), np.nan), 0.0
+    for name, value in given.items():
+        if not plant.measured:
+            raise ValueError(
+                f"measured {name!r}: this plant has no measured parameters. Leave it out."
+            )
+        validation.one_of("measured parameter", name, tuple(plant.measured))
+        mean, varies = _mean(plant, name, value, N)
+        known[0, plant.indices((name,))] = plant.check_value(name, mean)
+        variation = max(variation, varies)
+    return (known if given else None), variation
+
+
+def _mean(plant: Plant, name: str, value: ArrayLike, N: int) -> tuple[float, float]:
+    """Mean and relative variation of one value, or of one for each of `N` samples."""
+    values = validation.finite_array(
+        name, np.atleast_1d(validation.real_array(name, value)), shape=(None,)
     )
-    if len(speeds) not in (1, N):
+    if len(values) not in (1, N):
         raise ValueError(
-            f"v_x has {len(speeds)} values for {N} samples. Give one speed, or one a sample."
+            f"{name} has {len(values)} values for {N} samples. Give one, or one a sample."
         )
-    _positive(speeds)
-    mean, variation = float(speeds.mean()), float(np.ptp(speeds) / speeds.mean())
+    for value in (values.min(), values.max()):
+        plant.check_value(name, value)
+    mean = float(values.mean())
+    variation = float(np.ptp(values) / abs(mean)) if mean else 0.0
     if variation > UNSTEADY:
+        label = split(plant.label(name))[0]
         raise ValueError(
-            f"v_x varies by {variation:.0%} of its mean, at most {UNSTEADY:.0%} can be used. "
-            "Cut a stretch of steady speed."
+            f"{name} varies by {variation:.0%} of its mean, at most {UNSTEADY:.0%} can be used. "
+            f"Cut a stretch of steady {label}."
         )
     return mean, variation

@@ -1,50 +1,49 @@
-"""What `Tuner.tune` answers: gains, what the recording says of them, and whether to trust them."""
+"""The answer of `Tuner.tune`: gains, what the recording says of them, whether to trust them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.trust.checks import Assessment, Check
+from tuners.trust.intervals import Interval
 from yawrate_env.loop.design import Status
-from yawrate_env.vehicle.single_track import Context
+from yawrate_env.plant.names import split
+from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """A prediction and the 90 % interval around it."""
-
-    value: float
-    low: float
-    high: float
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class TwinFit:
-    """The simulator's vehicle that explains a recording best, and what it leaves over.
+class FittedPlant:
+    """The plant that explains a recording best, and what it leaves over.
 
     Attributes
     ----------
-    context : Context
-        That vehicle, a batch of one.
-    command, measured, simulated : NDArray
-        (N,) steering command [rad], measured and simulated yaw rate [rad/s]; the simulated
-        one has the offset and the response to the initial state in it.
+    parameters : dict
+        Its parameters, measured ones as given.
+    deviations : dict
+        Standard deviations of those that were found.
+    u, measured, simulated : NDArray
+        (N,) input, measured and simulated output; the simulated one has the offset and the
+        response to the initial state in it.
     Ts : float
         Sampling time of these [s].
     offset : float
-        Constant part of the yaw rate that the command does not explain [rad/s].
+        Constant part of the output that the input does not explain.
     initial : float
-        Root mean square of the response to the initial state over the first second [rad/s].
+        Root mean square of the response to the initial state.
     from_rest : bool
-        Whether offset and initial state were found negligible and left out.
+        Whether offset and initial state were found negligible, or taken to be, and left out.
     snr_db : float
-        Mean square of the simulated yaw rate over that of the residual [dB].
+        Variance of the simulated output over the mean square of the residual [dB].
     """
 
-    context: Context
-    command: Array
+    parameters: dict[str, float]
+    deviations: dict[str, float]
+    u: Array
     measured: Array
     simulated: Array
     Ts: float
@@ -53,78 +52,85 @@ class TwinFit:
     from_rest: bool
     snr_db: float
 
+    @classmethod
+    def of(cls, plant: Plant, found: Assessment) -> "FittedPlant":
+        """The first recording's."""
+        fit, model, names = found.fit, found.model, tuple(plant.prior)
+        simulated, residual = fit.simulated[0], fit.residual[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            snr_db = float(10 * np.log10(simulated.var() / np.mean(residual**2)))
+            deviations = plant.width * np.sqrt(np.diag(fit.covariance[0]))
+        unknown = (names[i] for i in plant.unknown)
+        return cls(
+            parameters=dict(zip(names, map(float, fit.theta[0]), strict=True)),
+            deviations=dict(zip(unknown, map(float, deviations), strict=True)),
+            u=model.u[0],
+            measured=simulated + residual,
+            simulated=simulated,
+            Ts=model.Ts,
+            offset=float(model.offset[0]),
+            initial=float(np.sqrt(np.mean((model.free[0] - model.offset[0]) ** 2))),
+            from_rest=not model.unknown[0],
+            snr_db=snr_db,
+        )
+
     @property
     def residual(self) -> Array:
-        """Measured minus simulated yaw rate (N,) [rad/s]."""
+        """Measured minus simulated output (N,)."""
         return self.measured - self.simulated
 
 
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One of the questions that decide on trust.
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """Gains for one recording.
+
+    Gains and metrics are attributes too, by their names without units: ``result.kp``,
+    ``result.phase_margin.low``.
 
     Attributes
     ----------
-    name : str
-        Short, as a table shows it.
-    value, limit : float
-        What was found, and the largest value that passes.
-    message : str
-        In words, what it means where it fails.
-    """
-
-    name: str
-    value: float
-    limit: float
-    message: str
-
-    @property
-    def passed(self) -> bool:
-        """Whether the value is within its limit; not-a-number never is."""
-        return bool(self.value <= self.limit)
-
-
-@dataclass(frozen=True, slots=True)
-class TuningResult:
-    """Gains for one recorded episode.
-
-    Attributes
-    ----------
-    kp : float
-        Proportional gain [s].
-    Ti : float
-        Integral time [s].
+    gains : dict
+        By name; ``nan`` where the tuner finds none.
+    intervals : dict
+        By the metric's name: what the recording says that these gains give, with the 90 %
+        interval; ``nan`` where it says nothing.
     status : Status
-        Whether the design target was reached.
+        Whether the design target is reached.
     converged : bool
         Whether the tuner's own numerics succeeded.
-    notes : tuple of str
-        What differs from the conditions that the tuner was made for, in words.
-    phase_margin, crossover : Interval
-        What the recording says that these gains give [deg], [Hz]; ``nan`` where it says
-        nothing.
     trusted : bool
         Whether every check passed.
-    reasons : tuple of str
-        Why not, in words.
-    fallback : tuple of float
-        (kp, Ti) that are stable for every vehicle of the prior: what to use instead of
-        gains that are not trusted; ``nan`` where none are.
+    reasons, notes : tuple of str
+        Why it is not trusted; and what differs from the experiment that the tuner was made for.
+    fallback : dict
+        Gains that are stable for every plant of the prior: what to use instead of gains that
+        are not trusted; ``nan`` where there are none.
     checks : tuple of Check
         What was looked at.
-    fit : TwinFit or None
-        The simulator beside the recording; None where it could not be fitted.
+    fit : FittedPlant
+        The plant that explains the recording best, beside the recording.
+    plant : Plant
+        What the tuner was made for.
     """
 
-    kp: float
-    Ti: float
+    gains: Mapping[str, float]
+    intervals: Mapping[str, Interval]
     status: Status
     converged: bool
-    notes: tuple[str, ...]
-    phase_margin: Interval
-    crossover: Interval
     trusted: bool
     reasons: tuple[str, ...]
-    fallback: tuple[float, float]
+    notes: tuple[str, ...]
+    fallback: Mapping[str, float]
     checks: tuple[Check, ...] = field(repr=False)
-    fit: TwinFit | None = field(repr=False, compare=False)
+    fit: FittedPlant = field(repr=False)
+    plant: Plant = field(repr=False)
+
+    def __getattr__(self, name: str) -> Any:
+        if not name.startswith("_"):
+            if name in self.gains:
+                return self.gains[name]
+            for metric, interval in self.intervals.items():
+                if name == split(metric)[0]:
+                    return interval
+        raise AttributeError(f"a result has no {name!r}; gains: {', '.join(self.gains)}."
+                             if not name.startswith("_") else name)  # fmt: skip

@@ -1,21 +1,30 @@
-"""The two stages: compress a recording, then predict its controller; how they are trained."""
+"""The two-stage method: features of a recording, then a prediction of its controller."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features import FirstStage, check, compressor, described
+from tuners.features import Features, check_features, features_named, settings_of
+from tuners.features.response import FrequencyResponse
 from tuners.learners import LEARNERS, Learner, Settings
+from tuners.tuner.method import Gains
+from tuners.tuner.recording import Recording
 from yawrate_env import validation
+from yawrate_env.plant.parametrisation import GAINS, Parametrisation
+from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
+PARAMETRISATIONS = "plant", "gains"
+
 LEAST_USABLE = 20
 TRAINING_SHARE = 0.8
+
+_CLAMPED = 1e-6  # of a coordinate: larger changes by decoding are limits, not rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,59 +33,67 @@ class Recipe:
 
     Attributes
     ----------
-    compressor : Armax, Laguerre, Regularised or FrequencyResponse
+    features : Armax, Laguerre, Regularised or FrequencyResponse
         First stage.
     learner : GBMSettings, FeedForwardSettings or TrendSettings
         Second stage.
-    coordinates : {"loop", "gains"}
-        What is predicted for vehicles; other plants have coordinates of their own.
+    parametrisation : {"plant", "gains"}
+        What is predicted: the plant's coordinates, or the gains themselves.
     noise_draws : int
         Recordings of every simulated plant, with fresh noise.
-    vehicles : int
+    episodes : int
         Simulated plants that it is usually trained on.
-    v_x : tuple of float
-        Speeds that it is usually trained for [m/s]; a range makes the speed a feature.
     """
 
-    compressor: FirstStage
+    features: Features
     learner: Settings
-    coordinates: str = "loop"
+    parametrisation: str = "plant"
     noise_draws: int = 1
-    vehicles: int = 1500
-    v_x: tuple[float, float] = (20.0, 20.0)
+    episodes: int = 1500
 
     def __post_init__(self) -> None:
+        validation.one_of("parametrisation", self.parametrisation, PARAMETRISATIONS)
         validation.count("noise_draws", self.noise_draws, remedy="Record every plant once or more.")
-        validation.count("vehicles", self.vehicles, remedy="Simulate some.")
-        check(self.compressor)
+        validation.count("episodes", self.episodes, remedy="Simulate some.")
+        check_features(self.features)
 
 
-def checked(recipe: Recipe) -> Recipe:
-    """The recipe itself, or ``ValueError``."""
-    remedy = "Give a tuners.Recipe, or one of tuners.RECIPES."
-    validation.instance("recipe", recipe, Recipe, remedy=remedy)
-    return recipe
+def coordinates_of(plant: Plant, parametrisation: str) -> Parametrisation:
+    """The plant's coordinates, or those of the gains themselves."""
+    return plant.parametrisation if parametrisation == "plant" else GAINS
 
 
 @dataclass(frozen=True, slots=True)
 class Stages:
-    """Both stages, trained.
+    """Both stages, trained: a way to find gains.
 
     Attributes
     ----------
-    compressor : Armax, Laguerre, Regularised or FrequencyResponse
+    features : Armax, Laguerre, Regularised or FrequencyResponse
         First stage.
     learner : FeedForward, GBM, Trend or Agent
         Second stage.
+    parametrisation : {"plant", "gains"}
+        What the learner predicts.
     """
 
-    compressor: FirstStage
+    features: Features
     learner: Learner
+    parametrisation: str = "plant"
 
-    def __call__(
-        self, u: Array, y: Array, Ts: float, shown: Array
+    kind: ClassVar[str] = "two-stage"
+    needs_excitation: ClassVar[bool] = True
+    any_measured: ClassVar[bool] = False
+
+    @property
+    def any_experiment(self) -> bool:
+        """Frequency responses do not depend on the input and the sampling time."""
+        return type(self.features) is FrequencyResponse
+
+    def predict(
+        self, u: Array, y: Array, Ts: float, measured: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Predict from recordings.
+        """Predict coordinates from recordings.
 
         Parameters
         ----------
@@ -86,39 +103,59 @@ class Stages:
             Measured outputs.
         Ts : float
             Sampling time [s].
-        shown : (B, m) float64
-            Further features, from what is measured beside the recording.
+        measured : (B, m) float64
+            Further features: `Plant.measured_features`.
 
         Returns
         -------
         (B, t) float64
-            What the learner was trained on, `tuners.tuner.coordinates` say.
+            Coordinates of the controller; ``nan`` where a feature is not a number.
         (B,) bool
-            Where the compression succeeded, and every feature is a number.
+            Where the first stage succeeded.
         """
-        features, usable = self.compressor(u, y, Ts)
-        features = np.concatenate([features, shown], axis=1)
+        features, usable = self.features(u, y, Ts)
+        features = np.concatenate([features, measured], axis=1)
         finite = np.isfinite(features)
-        return self.learner(np.where(finite, features, 0.0)), usable & finite.all(axis=1)
+        values = self.learner(np.where(finite, features, 0.0))
+        known = np.asarray(finite.all(axis=1))
+        return np.where(known[:, None], values, np.nan), usable & known
+
+    def gains(self, plant: Plant, recording: Recording) -> Gains:
+        """Features, prediction, gains."""
+        measured = np.empty((len(recording), 0))
+        if plant.measured_names:
+            measured = plant.measured_features(recording.parameters(plant))
+        values, usable = self.predict(recording.u, recording.y, recording.Ts, measured)
+        coordinates = coordinates_of(plant, self.parametrisation)
+        gains = coordinates.decode(values)
+        with np.errstate(invalid="ignore"):
+            clamped = np.abs(coordinates.encode(gains) - values) > _CLAMPED * (1 + np.abs(values))
+        return Gains.of(gains, np.asarray(~clamped.any(axis=1)), usable)
 
     def settings(self) -> dict[str, Any]:
         """What to save beside the learner's arrays, as plain JSON values."""
         kinds = {kind: name for name, kind in LEARNERS.items()}
         return {
-            "compressor": described(self.compressor),
+            "features": settings_of(self.features),
             "learner": kinds[type(self.learner)],
+            "parametrisation": self.parametrisation,
         }
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The learner's."""
+        return self.learner.arrays()
 
     @classmethod
     def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
         """Rebuild from what was saved."""
         return cls(
-            compressor(**settings["compressor"]),
+            features_named(**settings["features"]),
             LEARNERS[settings["learner"]].from_arrays(arrays),
+            validation.one_of("parametrisation", settings["parametrisation"], PARAMETRISATIONS),
         )
 
 
-def trained(
+def train_stages(
     recipe: Recipe,
     number: NDArray[np.int64],
     features: Array,
@@ -127,7 +164,7 @@ def trained(
     seed: int,
     progress: Progress | None = None,
 ) -> tuple[Stages, int]:
-    """Train the second stage on what the first made of simulated recordings.
+    """Train the second stage on the features of simulated recordings.
 
     Parameters
     ----------
@@ -148,12 +185,12 @@ def trained(
     """
     rows = np.flatnonzero(usable)
     check_usable(len(rows), len(usable))
-    part = trains(number.max() + 1, seed)
-    own, checked = (rows[p[number[rows]]] for p in (part, ~part))
+    part = training_split(number.max() + 1, seed)
+    own, validating = (rows[p[number[rows]]] for p in (part, ~part))
     learner = recipe.learner.fit(
-        features[own], targets[own], features[checked], targets[checked], seed, progress
+        features[own], targets[own], features[validating], targets[validating], seed, progress
     )
-    return Stages(recipe.compressor, learner), len(rows)
+    return Stages(recipe.features, learner, recipe.parametrisation), len(rows)
 
 
 def check_usable(usable: int, episodes: int) -> None:
@@ -165,7 +202,7 @@ def check_usable(usable: int, episodes: int) -> None:
         )
 
 
-def trains(plants: int, seed: int) -> NDArray[np.bool_]:
+def training_split(plants: int, seed: int) -> NDArray[np.bool_]:
     """(plants,) which of them train; the rest validate."""
     order = np.random.default_rng(seed).permutation(plants)
     chosen = np.zeros(plants, dtype=np.bool_)

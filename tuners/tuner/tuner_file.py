@@ -20,13 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.files import replacing
+from yawrate_env.plant import entry, fingerprint
+from yawrate_env.plant.plant import Plant
 
 FORMAT = "yawrate-tuner"
 VERSION = 1
 SUFFIX = ".tuner"
 
 
-class ModelFileError(ValueError):
+class TunerFileError(ValueError):
     """A file that is not a usable tuner."""
 
 
@@ -45,28 +47,28 @@ def write(
 
 
 def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Read settings and arrays, or raise `ModelFileError` with the reason."""
+    """Read settings and arrays, or raise `TunerFileError` with the reason."""
     try:
         from safetensors import SafetensorError
         from safetensors.numpy import load
     except ImportError:
-        raise ModelFileError(
+        raise TunerFileError(
             f'{path} needs safetensors to be read: pip install "yawrate[tune]".'
         ) from None
     try:
         content = Path(path).read_bytes()
     except OSError as error:
-        raise ModelFileError(f"{path}: {error.strerror}. Check the path.") from None
+        raise TunerFileError(f"{path}: {error.strerror}. Check the path.") from None
     header, _, body = content.partition(b"\n")
     words = header[:200].decode("ascii", "replace").split(" ")
     if len(words) != 3 or words[0] != FORMAT:
-        raise ModelFileError(f"{path} is not a tuner file. Make one with `yawrate train`.")
+        raise TunerFileError(f"{path} is not a tuner file. Make one with `yawrate train`.")
     if words[1] != str(VERSION):
-        raise ModelFileError(
+        raise TunerFileError(
             f"{path} has format version {words[1]}; this program reads {VERSION}. Update it."
         )
     if hashlib.sha256(body).hexdigest() != words[2]:
-        raise ModelFileError(f"{path} is damaged: its checksum does not agree. Copy it again.")
+        raise TunerFileError(f"{path} is damaged: its checksum does not agree. Copy it again.")
     try:
         packed = lzma.decompress(body)
         size = int.from_bytes(packed[:8], "little")
@@ -75,7 +77,7 @@ def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArra
     except (
         SafetensorError, lzma.LZMAError, KeyError, ValueError, TypeError, RecursionError,
     ) as error:  # fmt: skip
-        raise ModelFileError(f"{path} cannot be read: {error}. Train it again.") from None
+        raise TunerFileError(f"{path} cannot be read: {error}. Train it again.") from None
 
 
 @contextmanager
@@ -83,12 +85,44 @@ def rebuilding(path: str | os.PathLike[str]) -> Iterator[None]:
     """Say of contents that no tuner can be made of that they are the file's."""
     try:
         yield
-    except ModelFileError:
+    except TunerFileError:
         raise
     except (KeyError, TypeError) as error:
-        raise ModelFileError(
+        raise TunerFileError(
             f"{path} lacks or misnames {error}: written by another version. Train it again."
         ) from None
     except (ValueError, AttributeError, IndexError) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise ModelFileError(f"{path} cannot be used: {reason} Train it again.") from None
+        raise TunerFileError(f"{path} cannot be used: {reason} Train it again.") from None
+
+
+def save(
+    path: str | os.PathLike[str],
+    plant: Plant,
+    settings: dict[str, Any],
+    arrays: dict[str, NDArray[Any]],
+) -> None:
+    """Write a tuner's settings and arrays, and where its plant is found again."""
+    described = {
+        "entry": entry.named(plant, "A saved tuner"),
+        "arguments": dict(plant.arguments),
+        "fingerprint": fingerprint.fingerprint(plant),
+    }
+    write(path, {"plant": described, **settings}, arrays)
+
+
+def plant_of(
+    path: str | os.PathLike[str], settings: dict[str, Any], plant: Plant | None = None
+) -> Plant:
+    """The plant of a tuner's file, or the one given, if it has not changed since."""
+    described = settings["plant"]
+    try:
+        found = plant or entry.find(described["entry"], Path(path).parent, described["arguments"])
+    except ValueError as error:
+        raise TunerFileError(f"{path} needs its plant. {error}") from None
+    if other := fingerprint.changed(found, described["fingerprint"]):
+        raise TunerFileError(
+            f"{path} was trained for another {found.entry or 'plant'}: since then its {other} "
+            "changed. Train again, or restore the description."
+        )
+    return found

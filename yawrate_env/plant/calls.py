@@ -18,3 +18,6 @@ def call(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
 def said(error: BaseException) -> str:
     """An error's type and text in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
+
+
+one_line = said

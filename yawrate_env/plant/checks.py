@@ -22,7 +22,7 @@ SHORTEST = 16
 """Samples that an experiment has at least."""
 
 _FUNCTIONS = {"simulate": False, "design": False, "evaluate": True, "excite": True, "record": True,
-              "search": True, "action_bounds": True, "loop": True}  # fmt: skip
+              "action_bounds": True, "loop": True}  # fmt: skip
 """Whether None may stand for them."""
 
 

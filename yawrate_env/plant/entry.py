@@ -1,65 +1,72 @@
-"""Where a plant's description is found again: ``module:attribute``, or a TOML file that says so.
+"""Find a plant by its entry point ``module:attribute``, or by a TOML file that names it.
 
     [plant]
     entry = "dc_motor:plant"
 
-A plant is code, which a saved tuner does not hold: it names the entry, and keeps what the
-plant answered to a trial so that a description that changed since is noticed.
+    [plant.arguments]      # only where the entry is a function
+    load = 0.02
+
+A plant is code, which no file holds: saved tuners and data sets name its entry and keep a
+fingerprint (`yawrate_env.plant.fingerprint`).
 """
 
 import sys
 import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from copy import copy
-from importlib import import_module, invalidate_caches
+from importlib import invalidate_caches
+from importlib.machinery import PathFinder
 from pathlib import Path
-from types import ModuleType
+from pkgutil import resolve_name
+from types import MappingProxyType
+from typing import Any
 
-from yawrate_env.plant.calls import said
+from yawrate_env.plant.calls import call, one_line
 from yawrate_env.plant.plant import Plant
 
-_FORM = 'Write it as "module:attribute", for example "my_plant:plant".'
-
-_ASIDE: dict[tuple[str, Path], ModuleType] = {}
-"""Modules that others of their name keep out of ``sys.modules``, by name and folder."""
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
-def find(entry: str | Plant, folder: Path | None = None) -> Plant:
-    """The plant at an entry point; modules in `folder` are found too.
+def find(
+    entry: str | Plant, folder: Path | None = None, arguments: Mapping[str, Any] = _NONE
+) -> Plant:
+    """Import the plant at an entry point; modules in `folder` are found too.
 
-    Importing a module runs it: name only what you would run.  Whatever it raises, its own
-    exit too, becomes ``ValueError``.
+    Importing a module runs it: name only what you would run.
+
+    Parameters
+    ----------
+    entry : str or Plant
+        ``module:attribute``; the attribute is a plant, or a function that gives one.
+    folder : Path, optional
+        Goes to the front of ``sys.path``, as the working folder does.
+    arguments : dict, optional
+        Keyword arguments of the function.
     """
     if isinstance(entry, Plant):
         return entry
     name, colon, attribute = str(entry).partition(":")
     if not colon or not all(part.isidentifier() for part in (*name.split("."), attribute)):
-        raise ValueError(f"entry = {entry!r} is no entry point. {_FORM}")
-    try:
-        module = _module(name, None if folder is None else folder.resolve())
-    except (Exception, SystemExit) as error:
-        missing = isinstance(error, ModuleNotFoundError) and _within(name, error.name)
-        if not missing:
-            why = said(error).removesuffix(".")
-            raise ValueError(f"importing {name} failed: {why}.") from error
         raise ValueError(
-            f"entry = {entry!r}: there is no module {name!r}. "
-            "Run from the folder where it is, or add that to PYTHONPATH."
-        ) from None
-    found = getattr(module, attribute, None)
+            f"entry = {entry!r} is no entry point. "
+            'Write it as "module:attribute", for example "my_plant:plant".'
+        )
+    _put_on_path(name.partition(".")[0], folder)
+    found = _resolved(entry, name)
+    if callable(found) and not isinstance(found, Plant):
+        found = call(entry, lambda: found(**arguments))
+    elif arguments:
+        raise ValueError(f"entry = {entry!r} takes no arguments. Leave them out.")
     if not isinstance(found, Plant):
-        what = "has no such attribute" if found is None else f"holds a {type(found).__name__}"
-        raise ValueError(f"entry = {entry!r}: {name} {what}, wanted a tuners.plants.Plant.")
-    return entered(found, entry)
+        raise ValueError(f"entry = {entry!r} is a {type(found).__name__}. Name a Plant.")
+    return found if found.entry == entry else with_entry(found, entry, arguments)
 
 
-def entered(plant: Plant, entry: str) -> Plant:
-    """The plant as one of that entry; `replace` would try all its functions again."""
-    if plant.entry == entry:
-        return plant
+def with_entry(plant: Plant, entry: str, arguments: Mapping[str, Any] = _NONE) -> Plant:
+    """The plant under an entry; ``replace`` would call all its functions again."""
     renamed = copy(plant)
     object.__setattr__(renamed, "entry", entry)
+    object.__setattr__(renamed, "arguments", dict(arguments))
     return renamed
 
 
@@ -74,102 +81,67 @@ def named(plant: Plant, what: str) -> str:
 
 
 def home(plant: Plant) -> Path | None:
-    """The folder from which a plant's module was imported; None if no file holds it.
-
-    Of several modules of one name it is the one that holds the plant, or else the first.
-    """
-    name, _, attribute = plant.entry.partition(":")
-    modules = [sys.modules.get(name), *(m for (n, _), m in _ASIDE.items() if n == name)]
-    held = (m for m in modules if _is(getattr(m, attribute, None), plant))
-    module = next(held, modules[0])
-    if module is None or not getattr(module, "__file__", None):
-        return None
+    """The folder from which a plant's module was imported; None if no file holds it."""
+    name = plant.entry.partition(":")[0]
+    module = sys.modules.get(name)
+    file = getattr(module, "__file__", None)
     depth = name.count(".") + hasattr(module, "__path__")
-    return Path(str(module.__file__)).resolve().parents[depth]
+    return Path(file).resolve().parents[depth] if file else None
 
 
 def from_toml(path: Path) -> Plant | None:
     """The plant that a TOML file names, found beside the file; None where it names none."""
+    import msgspec
+
+    class Table(msgspec.Struct, forbid_unknown_fields=True):
+        entry: str
+        arguments: dict[str, Any] = {}
+
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
+        if "plant" not in content:
+            return None
+        table = msgspec.convert(content["plant"], Table)
+        return find(table.entry, path.parent, table.arguments)
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ValueError(f"{path} is not TOML: {error}.") from None
-    if "plant" not in content:
-        return None
-    table = content["plant"]
-    if not isinstance(table, dict) or set(table) != {"entry"}:
-        raise ValueError(f'{path}: [plant] must hold entry = "module:attribute" and nothing else.')
-    try:
-        return find(table["entry"], path.parent)
+    except msgspec.ValidationError as error:
+        raise ValueError(f"{path}: [plant]: {error}.") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _is(found: object, plant: Plant) -> bool:
-    """Whether a plant is the one found, or what `entered` made of it."""
-    return isinstance(found, Plant) and found.prior is plant.prior
+def _put_on_path(top: str, folder: Path | None) -> None:
+    """Find modules in `folder` and here; ``ValueError`` where one of that name is from elsewhere.
 
-
-def _within(name: str, missing: str | None) -> bool:
-    """Whether a module that is missing is the named one, or a package on the way to it."""
-    return missing is not None and f"{name}.".startswith(f"{missing}.")
-
-
-def _module(name: str, folder: Path | None) -> ModuleType:
-    """Import a module: the one that is in `folder` or here, whatever else has its name."""
-    top = name.partition(".")[0]
-    places = [place.resolve() for place in (folder, Path()) if place is not None]
-    home = next((place for place in places if _is_in(top, place)), None)
-    if home is not None and not _comes_from(home, top) and _taken(top, home):
-        if (name, home) not in _ASIDE:
-            _ASIDE[name, home] = _aside(name, home)
-        return _ASIDE[name, home]
-    with _importable(folder):
-        return import_module(name)
-
-
-def _aside(name: str, home: Path) -> ModuleType:
-    """Import a module while others, whose names it and its neighbours have, are out of the way.
-
-    These stay what everybody else imports by the name.
+    Otherwise the plant of another folder would silently be used.
     """
-    taken = _taken(name.partition(".")[0], home)
-    others = {n: m for n, m in sys.modules.items() if n.partition(".")[0] in taken}
-    for other in others:
-        del sys.modules[other]
-    try:
-        with _importable(home):
-            return import_module(name)
-    finally:
-        sys.modules.update(others)
-
-
-def _taken(top: str, home: Path) -> set[str]:
-    """Names of a module and its neighbours that modules from elsewhere have."""
-    neighbours = {path.stem for path in home.glob("*.py")} - sys.stdlib_module_names
-    return {n for n in neighbours | {top} if n in sys.modules and not _comes_from(home, n)}
-
-
-def _is_in(top: str, place: Path) -> bool:
-    return any(file.is_file() for file in _files(top, place))
-
-
-def _comes_from(place: Path, top: str) -> bool:
-    file = getattr(sys.modules.get(top), "__file__", None)
-    return file is not None and Path(file).resolve() in _files(top, place)
-
-
-def _files(top: str, place: Path) -> tuple[Path, Path]:
-    return place / f"{top}.py", place / top / "__init__.py"
-
-
-@contextmanager
-def _importable(folder: Path | None) -> Iterator[None]:
-    """Find modules in `folder` and in the working folder, as ``python -m`` does."""
-    before = list(sys.path)
-    sys.path[:0] = [str(f.resolve()) for f in (folder, Path()) if f is not None]
+    places = [str(place.resolve()) for place in (folder, Path()) if place is not None]
+    sys.path[:0] = [place for place in places if place not in sys.path]
     invalidate_caches()
+    spec, module = PathFinder.find_spec(top, places), sys.modules.get(top)
+    here, there = getattr(spec, "origin", None), getattr(module, "__file__", None)
+    if here and there and Path(here).resolve() != Path(there).resolve():
+        raise ValueError(
+            f"module {top!r} is imported from {there} already, not from {here}. Rename one of the "
+            "two, or use them in different processes."
+        )
+
+
+def _resolved(entry: str, name: str) -> Any:
     try:
-        yield
-    finally:
-        sys.path[:] = before
+        return resolve_name(entry)
+    except ModuleNotFoundError as error:
+        if f"{name}.".startswith(f"{error.name}."):
+            raise ValueError(
+                f"entry = {entry!r}: there is no module {name!r}. "
+                "Run from the folder where it is, or add that to PYTHONPATH."
+            ) from None
+        raise ValueError(f"importing {name} failed: {one_line(error)}.") from error
+    except AttributeError as error:
+        if name in sys.modules:
+            raise ValueError(f"entry = {entry!r}: {name} has no such attribute.") from None
+        raise ValueError(f"importing {name} failed: {one_line(error)}.") from error
+    except (Exception, SystemExit) as error:
+        why = one_line(error).removesuffix(".")
+        raise ValueError(f"importing {name} failed: {why}.") from error

@@ -109,8 +109,8 @@ def parameters(
 
 def designed(plant: Plant) -> Array:
     """Gains (m, k) of 256 plants of the prior, those that have any; ``ValueError`` if none has."""
-    gains = plant.oracle(sample(plant, _TRIED))
-    found = gains[np.isfinite(gains).all(axis=1)]
+    gains, reached = plant.designs(sample(plant, _TRIED))
+    found = gains[reached]
     if not len(found):
         raise ValueError(
             f"design gives no gains for any of {_TRIED} plants of the prior: nothing can be "
@@ -136,13 +136,15 @@ def episodes(
     repeat : int
         Another one has the same parameters and inputs, and fresh noise.
     """
-    for block, asked in _blocks(plant, name, seed, first, count, repeat):
-        yield _part(block, asked)
+    for block, asked in blocks(plant, name, seed, first, count, repeat):
+        yield part(block, asked)
 
 
-def recorded(plant: Plant, name: str, seed: int, count: int, repeat: int = 0) -> Episodes:
-    """The first `count` episodes of a seed in one piece."""
-    parts = list(episodes(plant, name, seed, 0, count, repeat))
+def recorded(
+    plant: Plant, name: str, seed: int, count: int, repeat: int = 0, *, first: int = 0
+) -> Episodes:
+    """`count` episodes of a seed in one piece."""
+    parts = list(episodes(plant, name, seed, first, count, repeat))
     whole = concatenate(parts)
     return whole if len(whole.u) == len(whole) else replace(whole, u=parts[0].u)
 
@@ -164,7 +166,7 @@ def ranges_of(plant: Plant, name: str) -> tuple[Array, Array]:
     return low, high
 
 
-def _blocks(
+def blocks(
     plant: Plant, name: str, seed: int, first: int, count: int, repeat: int
 ) -> Iterator[tuple[Episodes, slice]]:
     """Whole blocks, and which of their rows are asked for."""
@@ -184,6 +186,7 @@ def _blocks(
         yield Episodes(number, draw.theta, draw.u, y), slice(max(first - start, 0), stop - start)
 
 
-def _part(block: Episodes, asked: slice) -> Episodes:
+def part(block: Episodes, asked: slice) -> Episodes:
+    """Some of the episodes."""
     u = block.u if len(block.u) == 1 else block.u[asked]
     return Episodes(block.number[asked], block.theta[asked], u, block.y[asked])

@@ -1,8 +1,9 @@
-"""What a plant was when something was made of it, for what must notice that it changed since.
+"""Detect whether a plant has changed since a tuner or a data set was made from it.
 
-A plant is code, which no file holds: its settings are compared by value, its functions by
-what they answer to a trial.  Answers may differ by what another machine's rounding does,
-which is why they are kept as numbers: a hash of them would change with their last digit.
+A plant is code, which no file holds.  Its settings are compared by value, its functions by
+their answers in a trial that is always the same.  Each row of an answer is kept as three
+numbers, which are compared to a tolerance: processors differ in their rounding, so that a
+hash would change with the last digit.
 """
 
 from functools import lru_cache
@@ -12,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.plant.episodes import Draw, integers_of, sample
-from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.streams import stream
 
@@ -21,83 +21,84 @@ Array = NDArray[np.float64]
 _TRIALS = 3
 _SEED = 21
 _ROUNDING = 1e-6
-_OF_ROWS = ("prior", "gains", "Ts", "measured")
+
+OF_EPISODES = (
+    "prior", "gains", "Ts", "measured", "u", "simulate", "noise", "design", "parametrisation",
+    "recordings",
+)  # fmt: skip
+"""Parts that episodes, features and targets follow from; the others concern metrics and trust."""
 
 
-def settings(plant: Plant) -> dict[str, Any]:
-    """What can be compared by value, as plain JSON values."""
+@lru_cache(maxsize=8)
+def fingerprint(plant: Plant) -> dict[str, Any]:
+    """A plant's settings and answers by name, as plain JSON values."""
+    return _settings(plant) | {name: _summary(values) for name, values in _answers(plant).items()}
+
+
+def changed(plant: Plant, then: dict[str, Any], parts: tuple[str, ...] = ()) -> str:
+    """Name of the first part that differs from `then`, empty if none does.
+
+    Parameters
+    ----------
+    then : dict
+        An earlier `fingerprint`.
+    parts : tuple of str, optional
+        What to compare, such as `OF_EPISODES`; everything by default.
+    """
+    settings = _settings(plant)  # compared first: another prior may not even be simulated
+    for name in settings:
+        if name in (parts or settings) and then.get(name) != settings[name]:
+            return name
+    for name, now in fingerprint(plant).items():
+        if name not in settings and name in (parts or then) and not _alike(then.get(name), now):
+            return name
+    return ""
+
+
+def _settings(plant: Plant) -> dict[str, Any]:
     return {
         "prior": [[name, *ends] for name, ends in plant.prior.items()],
         "gains": list(plant.gains),
         "Ts": plant.Ts,
         "measured": [[name, slack] for name, slack in plant.measured.items()],
         "metrics": [
-            [name, *(float(plant.metric_setting(of)[i]) for of in Metric.__slots__)]
-            for i, name in enumerate(plant.metrics)
+            [name, *(_finite(getattr(metric, of)) for of in ("scale", "error", "spread"))]
+            for name, metric in plant.metrics.items()
         ],
-        "target": plant.target and list(plant.target),
+        "target": None if plant.target is None else list(plant.target),
         "linear": plant.linear,
-        "plausible": [x if np.isfinite(x) else None for x in plant.plausible],
+        "plausible": [_finite(value) for value in plant.plausible],
         "crossover": plant.crossover,
         "search_limits": [[name, *ends] for name, ends in plant.search_limits.items()],
     }
 
 
-def trial(plant: Plant) -> dict[str, Array]:
-    """What can only be compared by what it answers: to plants that are always the same."""
+def _finite(value: float) -> float | None:
+    """JSON has no infinity."""
+    return value if np.isfinite(value) else None
+
+
+def _answers(plant: Plant) -> dict[str, Array]:
+    """The functions' answers to plants that are always the same."""
     theta = sample(plant, _TRIALS)
+    y, gains = plant.respond(theta), plant.oracle(theta)
+    middle = plant.oracle(plant.middle).repeat(_TRIALS, axis=0)
+    draw = Draw.of(plant, stream(_SEED, 0, _TRIALS, integers_of(plant)))
     return {
         "u": plant.u,
-        "simulate": plant.respond(theta),
-        "noise": plant.sigma(plant.respond(theta)),
-        "design": plant.oracle(theta),
-        "coordinates": plant.parametrisation.encode(plant.oracle(theta)),
-        "evaluate": plant.metric_values(theta, plant.oracle(plant.middle).repeat(_TRIALS, axis=0)),
-        "recordings": _recordings(plant),
+        "simulate": y,
+        "noise": plant.sigma(y),
+        "design": gains,
+        "parametrisation": plant.parametrisation.encode(gains),
+        "evaluate": plant.metric_values(theta, middle),
+        "recordings": plant.measure(draw.theta, draw.u, draw.keys, np.random.default_rng(_SEED)),
     }
 
 
-def changed(plant: Plant, then: dict[str, Any], answers: dict[str, Array]) -> str:
-    """The first of `settings` and `trial` that is other than then; empty if none is.
+def _summary(values: Array) -> list[list[float]]:
+    """Two weighted sums of every row, and its norm: hardly a change leaves all three alone.
 
-    What comes after the first may be its consequence.
-    """
-    other = [name for name, value in settings(plant).items() if then.get(name) != value]
-    if not other:
-        now = trial(plant)
-        other = [name for name in now if not _same(answers[name], now[name])]
-    return other[0] if other else ""
-
-
-@lru_cache(maxsize=8)
-def of_episodes(plant: Plant) -> dict[str, Any]:
-    """All that rows of a data set follow from, as few plain JSON values; compare by `alike`.
-
-    What only judges gains is left out: no row holds a figure.
-    """
-    asked = trial(plant)
-    return {
-        **{name: value for name, value in settings(plant).items() if name in _OF_ROWS},
-        "answers": {name: _sums(asked[name]) for name in asked if name != "evaluate"},
-    }
-
-
-def alike(then: Any, now: Any) -> bool:
-    """Whether two of the answers of `of_episodes` differ by rounding at most."""
-    a, b = (np.array(rows, dtype=np.float64) for rows in (then, now))
-    return a.shape == b.shape and bool((np.abs(a - b) <= _ROUNDING * a[:, -1:]).all())
-
-
-def _recordings(plant: Plant) -> Array:
-    """What episodes show of noise, inputs and the simulator's own randomness."""
-    draw = Draw.of(plant, stream(_SEED, 0, _TRIALS, integers_of(plant)))
-    return plant.measure(draw.theta, draw.u, draw.keys, np.random.default_rng(_SEED))
-
-
-def _sums(values: Array) -> list[list[float]]:
-    """Two weighted sums of every row, and its norm: hardly a change of it leaves all three alone.
-
-    Where some are not finite, rows that say where come after those with zeros instead.
+    Where some values are not finite, rows that mark them follow those with zeros instead.
     """
     rows = np.atleast_2d(values)
     finite = np.isfinite(rows)
@@ -109,9 +110,10 @@ def _sums(values: Array) -> list[list[float]]:
     return sums
 
 
-def _same(then: Array, now: Array) -> bool:
-    """Equal but for what another machine's rounding may do."""
-    if then.shape != now.shape:
+def _alike(then: Any, now: Any) -> bool:
+    """Whether two summaries differ by rounding at most."""
+    try:
+        a, b = (np.array(rows, dtype=np.float64) for rows in (then, now))
+    except (TypeError, ValueError):
         return False
-    largest = np.abs(then[np.isfinite(then)]).max(initial=0.0)
-    return np.allclose(then, now, rtol=1e-6, atol=1e-9 * largest, equal_nan=True)
+    return a.shape == b.shape and bool((np.abs(a - b) <= _ROUNDING * a[..., -1:]).all())

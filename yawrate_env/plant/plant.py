@@ -20,6 +20,7 @@ from yawrate_env.plant.names import split
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.reward import reward
+from yawrate_env.plant.sensitivity import Sensitivity
 from yawrate_env.plant.trial import check_functions
 from yawrate_env.signals.noise import add_white_noise
 
@@ -27,7 +28,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.uint64]
 Noise = float | Callable[[Array], Array]
-Search = Callable[[Array, Array, Array], tuple[Array, NDArray[np.bool_]]]
 Range = tuple[float, float]
 
 _DECIBELS = 400.0  # beyond float64's digits, either way
@@ -133,10 +133,12 @@ class Plant:
     record : callable, optional
         For speed: ``record(theta, u, keys)``, simulation and noise in one, for inputs (1, N) or
         (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`.
-    search : callable, optional
-        For speed: ``search(u, y, theta)``, a search for the parameters behind outputs
-        (B, N), from (B, p), instead of that by differences; gives (B, p) and whether it
-        converged (B,).
+    sensitivity : Sensitivity, optional
+        For speed: exact slopes of the output, with which its parameters are found from one start
+        instead of several; by differences if omitted.
+    linear_model : Plant, optional
+        A linear plant with the same parameters: the search for those of a nonlinear one starts
+        where that of the linear one ends.
     search_limits : dict, optional
         Parameters to how far they are searched; by default half a range beyond the prior,
         parameters that are positive staying so.
@@ -177,7 +179,8 @@ class Plant:
     arguments: Mapping[str, Any] = field(default_factory=dict)
     extrapolation: Mapping[str, Range] = field(default_factory=dict)
     record: Callable[[Array, Array, Integers], Array] | None = None
-    search: Search | None = None
+    sensitivity: Sensitivity | None = None
+    linear_model: "Plant | None" = None
     search_limits: Mapping[str, Range] = field(default_factory=dict)
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None

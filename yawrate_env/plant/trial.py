@@ -27,8 +27,6 @@ def check_functions(plant: "Plant") -> None:
                       "deviations.")  # fmt: skip
     if plant.record is not None:
         _tried(plant, "record", lambda: plant.measure(theta, u, _KEYS), len(plant.u))
-    if plant.search is not None:
-        _check_search(plant, theta, y)
     none: list[bool] = []  # whether there are none for the plant in the middle
 
     def designed() -> Array:
@@ -40,7 +38,7 @@ def check_functions(plant: "Plant") -> None:
     if none[0]:
         return
     _check_coordinates(plant, gains)
-    _tried(plant, "evaluate", lambda: plant.metric_values(theta, gains), len(plant.metrics))
+    _tried(plant, "evaluate", lambda: plant.metric_values(theta, gains), len(plant.counted))
     _said_where("loop", plant.closed_loop, theta[0], gains[0])
 
 
@@ -55,29 +53,6 @@ def _check_simulator(plant: "Plant", theta: Array) -> tuple[Array, Array]:
     u = _tried(plant, "excite", lambda: plant.inputs(_WORDS), width)
     _tried(plant, "simulate", lambda: plant.respond(theta, u), width)
     return y, u
-
-
-def _check_search(plant: "Plant", theta: Array, y: Array) -> None:
-    """The plant's own search finds parameters (2, p), and says whether it converged (2,)."""
-    answers: list[Any] = []
-
-    def found() -> Any:
-        pair = call("gray_box", plant.search, plant.u[None], y, theta)  # type: ignore[arg-type]
-        if not isinstance(pair, tuple) or len(pair) != 2:
-            raise ValueError(
-                f"gray_box gave a {type(pair).__name__}. Give parameters (B, p) and whether the "
-                "search converged (B,)."
-            )
-        answers.append(pair[1])
-        return pair[0]
-
-    _tried(plant, "gray_box", found, theta.shape[1])
-    converged = np.asarray(answers[0])
-    if converged.shape != (len(theta),) or converged.dtype != np.bool_:
-        raise ValueError(
-            f"gray_box gave convergence of shape {converged.shape} and {converged.dtype}, wanted "
-            f"{(len(theta),)} and bool."
-        )
 
 
 def _check_coordinates(plant: "Plant", gains: Array) -> None:

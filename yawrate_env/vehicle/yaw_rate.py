@@ -4,7 +4,7 @@ Parameters are ``(mu_s, M_delta, v_x)``: friction and extra mass are unknown, th
 measured with every recording.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -22,7 +22,7 @@ from yawrate_env.plant.plant import Plant, Range, snr
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond
 from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
-from yawrate_env.vehicle.search import identify
+from yawrate_env.vehicle.sensitivity import LogSensitivity
 from yawrate_env.vehicle.single_track import LARGEST, Context
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.twin import LinearTwin
@@ -116,7 +116,8 @@ def yaw_rate(task: Task) -> Plant:
         labels=LABELS,
         messages=MESSAGES,
         record=vehicles.record,
-        search=vehicles.search if vehicles.linear else None,
+        sensitivity=vehicles.sensitivity if vehicles.linear else None,
+        linear_model=None if vehicles.linear else yaw_rate(replace(task, twin=LinearTwin())),
         search_limits=vehicles.limits(),
         action_bounds=vehicles.action_bounds,
         loop=vehicles.loop,
@@ -162,6 +163,14 @@ class Vehicles:
         """PI loops around the linear vehicles."""
         return loops(self.task, context_of(theta))
 
+    @property
+    def sensitivity(self) -> LogSensitivity:
+        """Exact slopes of the linear vehicles' yaw rates."""
+        task, (friction, mass) = self.task, (self.task.prior.mu_s, self.task.prior.M_delta)
+        return LogSensitivity(
+            task.vehicle, task.experiment.Ts, friction[0] < friction[1], mass[0] < mass[1]
+        )
+
     def design(self, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Gains (B, 2), and whether they reach the target; ``nan`` where no PI comes near it."""
         found = self.loops(theta).design()
@@ -183,14 +192,6 @@ class Vehicles:
     def discrete(self, theta: Array, Ts: float) -> DiscretePlant:
         """The linear vehicles at a sampling time [s]."""
         return plants(self.task.vehicle, context_of(theta), Ts)
-
-    def search(self, u: Array, y: Array, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """The linear vehicle behind recordings, by exact sensitivities, compiled."""
-        task = self.task
-        friction, mass = (low < high for low, high in (task.prior.mu_s, task.prior.M_delta))
-        start, speeds = context_of(theta[:1]), theta[:, 2]
-        found = identify(task.vehicle, u, y, task.experiment.Ts, start, speeds, (friction, mass))
-        return theta_of(found.context), found.converged
 
     def action_bounds(self) -> tuple[Array, Array]:
         """Log magnitudes and phases [rad] of the controller at the crossover, for agents.

@@ -1,0 +1,78 @@
+"""Ways to find gains: what a `Tuner` asks, and what it is answered."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.tuner.recording import Recording
+from yawrate_env.loop.design import Status
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gains:
+    """Gains for B recordings.
+
+    Attributes
+    ----------
+    values : NDArray
+        (B, k) gains; ``nan`` where there are none.
+    status : NDArray
+        (B,) of `Status`: how far the target can be reached.
+    converged : NDArray
+        (B,) whether the method's own numerics succeeded.
+    """
+
+    values: Array
+    status: NDArray[np.int64]
+    converged: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, values: Array, reached: NDArray[np.bool_], converged: NDArray[np.bool_]) -> Self:
+        """Gains (B, k), and whether they reach the target (B,)."""
+        found = np.asarray(np.isfinite(values).all(axis=1))
+        status = np.where(reached, int(Status.OK), int(Status.PHASE_LIMITED))
+        status = np.where(found, status, int(Status.UNREACHABLE))
+        return cls(np.where(found[:, None], values, np.nan), status, converged)
+
+    def without(self, rows: NDArray[np.bool_]) -> "Gains":
+        """The same, but no gains for some of the recordings (B,)."""
+        return Gains(
+            np.where(rows[:, None], np.nan, self.values),
+            np.where(rows, int(Status.UNREACHABLE), self.status),
+            self.converged & ~rows,
+        )
+
+
+class Method(Protocol):
+    """A way to find gains."""
+
+    kind: ClassVar[str]
+    """Its name in tuner files."""
+
+    needs_excitation: ClassVar[bool]
+    """Whether it finds nothing where input or output do not move."""
+
+    any_measured: ClassVar[bool]
+    """Whether measured parameters may have values outside the prior."""
+
+    @property
+    def any_experiment(self) -> bool:
+        """Whether the recording may have another input and sampling time than the plant's."""
+
+    def gains(self, plant: Plant, recording: Recording) -> Gains:
+        """Gains for every episode."""
+
+    def settings(self) -> dict[str, Any]:
+        """What to save beside the arrays, as plain JSON values."""
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Learned numbers to save."""
+
+    @classmethod
+    def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> "Method":
+        """Rebuild from what `settings` and `arrays` gave."""

@@ -1,0 +1,54 @@
+"""What differs between a recording and the experiment that a tuner was made for, in words."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.trust.fit import Fit
+from tuners.tuner.recording import STEADY, Recording
+from yawrate_env.plant.names import split
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+ROUNDED = 1e-3
+"""Of the largest input, or of a sampling time: differences by rounding in logs."""
+
+_FEW = 10  # samples for each distinct value, or more
+
+
+def notes(plant: Plant, given: Recording, fit: Fit, any_experiment: bool) -> tuple[str, ...]:
+    """Notes on one recording and the fit to it.
+
+    Parameters
+    ----------
+    any_experiment : bool
+        Whether another input and sampling time than the plant's make no difference.
+    """
+    found = []
+    if not any_experiment and not np.isclose(given.Ts, plant.Ts, rtol=ROUNDED):
+        found.append(f"Ts is {given.Ts:g} s: resampled to the {plant.Ts:g} s of the experiment.")
+    if not any_experiment and plant.excite is None and not _same_input(plant, given):
+        found.append("The input is not that of the experiment trained on.")
+    if given.variation > STEADY:
+        label = " or ".join(split(plant.label(name))[0] for name in plant.measured)
+        found.append(f"The {label} varies by {given.variation:.0%} of its mean, which counts.")
+    output = split(plant.signals[1])
+    return (*found, *_quantised(given.y[0], fit.residual[0], *output))
+
+
+def _same_input(plant: Plant, given: Recording) -> bool:
+    u = given.resampled(plant.Ts).u[0]
+    rounding = ROUNDED * np.abs(plant.u).max()
+    return u.shape == plant.u.shape and np.allclose(u, plant.u, rtol=0, atol=rounding)
+
+
+def _quantised(y: Array, residual: Array, name: str, unit: str) -> tuple[str, ...]:
+    """A note where few values (N,) are so far apart that rounding is not just more noise."""
+    values = np.unique(y)
+    if not 1 < len(values) < len(y) / _FEW:
+        return ()
+    step = float(np.diff(values).min())
+    if step <= np.sqrt(np.mean(residual**2)):
+        return ()
+    size = f"{step:.2g} {unit}".rstrip()
+    return (f"{name} is quantised in steps of {size}: intervals may be too narrow.",)

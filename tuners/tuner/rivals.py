@@ -1,0 +1,79 @@
+"""Reference tuners: the gray box, the oracle and the fixed nominal controller."""
+
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.trust.fit import search
+from tuners.tuner.method import Gains
+from tuners.tuner.recording import Recording
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+
+class _Untrained:
+    """A method without anything learned."""
+
+    any_experiment = True
+    any_measured: ClassVar[bool] = False
+
+    def settings(self) -> dict[str, Any]:
+        """Nothing to save."""
+        return {}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Nothing to save."""
+        return {}
+
+    @classmethod
+    def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
+        """Make one."""
+        return cls()
+
+
+class GrayBox(_Untrained):
+    """Identify the plant from the recording, then apply the design rule."""
+
+    kind: ClassVar[str] = "gray-box"
+    needs_excitation: ClassVar[bool] = True
+    any_measured: ClassVar[bool] = True
+
+    def gains(self, plant: Plant, recording: Recording) -> Gains:
+        """Design for the identified plants."""
+        start = recording.parameters(plant)
+        found = search(plant, recording.u, recording.y, start)
+        return Gains.of(*plant.designs(found.theta), found.converged)
+
+
+class Oracle(_Untrained):
+    """Apply the design rule to the true plant, where the recording shows it."""
+
+    kind: ClassVar[str] = "oracle"
+    needs_excitation: ClassVar[bool] = False
+
+    def gains(self, plant: Plant, recording: Recording) -> Gains:
+        """Design for the true parameters."""
+        known = recording.known
+        if known is None or np.isnan(known).any():
+            raise ValueError(
+                "The oracle must see the plant's true parameters. "
+                'Use an environment that shows them, as gymnasium.make("yawrate/PITuning-v0", '
+                'visible="context") does.'
+            )
+        return Gains.of(*plant.designs(known), np.ones(len(recording), dtype=np.bool_))
+
+
+class Nominal(_Untrained):
+    """Give the fixed gains of the plant in the middle of the prior."""
+
+    kind: ClassVar[str] = "nominal"
+    needs_excitation: ClassVar[bool] = False
+
+    def gains(self, plant: Plant, recording: Recording) -> Gains:
+        """The same gains for all."""
+        one, reached = plant.designs(plant.middle)
+        count = len(recording)
+        everyone = np.ones(count, dtype=np.bool_)
+        return Gains.of(np.repeat(one, count, axis=0), np.repeat(reached, count), everyone)

@@ -1,0 +1,32 @@
+"""Exact slopes of a plant's output, for plants that compute them faster than by differences."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Sensitivity(Protocol):
+    """Normal equations of the search for a plant's unknown parameters.
+
+    The search runs in coordinates z (B, q) of the plant's own, such as logarithms.
+    """
+
+    @property
+    def largest_step(self) -> float:
+        """No coordinate moves by more in one step."""
+
+    def encode(self, theta: Array) -> Array:
+        """Parameters (B, p) to coordinates (B, q) of the unknown ones."""
+
+    def decode(self, z: Array, theta: Array) -> Array:
+        """Parameters (B, p): the coordinates' values in place of those in `theta`."""
+
+    def gram(self, theta: Array, u: Array, y: Array) -> Array:
+        """Inner products (B, 1 + q, 1 + q) over recordings from rest.
+
+        The first signal is the output error ``y - respond(theta, u)``, the others are the
+        derivatives of the output to z; `u` is (1, N) or (B, N), `y` is (B, N).
+        """
