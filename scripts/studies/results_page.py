@@ -111,13 +111,17 @@ _OTHERS = {
 
 def write(board: Sequence[Row], protocol: EvaluationProtocol, folder: Path) -> None:
     """Write ``README.md`` and ``scoreboard.json`` into a folder that exists."""
-    others = {name: what for name, what in _OTHERS.items() if (folder / name).exists()}
     write_text(folder / "scoreboard.json", to_json(board, protocol))
-    write_text(folder / "README.md", page(board, protocol, others))
+    write_text(folder / "README.md", page(board, protocol, others(folder)))
 
 
-def page(board: Sequence[Row], protocol: EvaluationProtocol, others: dict[str, str]) -> str:
-    """Build the whole page; `others` are further files of the folder and what they hold."""
+def others(folder: Path) -> dict[str, str]:
+    """Further files of a folder, and what they hold."""
+    return {name: what for name, what in _OTHERS.items() if (folder / name).exists()}
+
+
+def page(board: Sequence[Row], protocol: EvaluationProtocol, beside: dict[str, str]) -> str:
+    """Build the whole page; `beside` are further files of the folder and what they hold."""
     task = Task()
     e, t = task.experiment, task.target
     beyond = _vehicles(yaw_rate(task), "extrapolation")
@@ -142,12 +146,12 @@ def page(board: Sequence[Row], protocol: EvaluationProtocol, others: dict[str, s
         missing=f"Not here, since the package ships no file for them: {_names(absent)}.\n\n"
         if absent
         else "",
-        seeds=" ([rl.md](rl.md) does, for five)" if "rl.md" in others else "",
+        seeds=" ([rl.md](rl.md) does, for five)" if "rl.md" in beside else "",
         example=EXAMPLE,
     )
-    if not others:
+    if not beside:
         return text
-    listed = "\n".join(f"- [{name}]({name}): {what}" for name, what in others.items())
+    listed = "\n".join(f"- [{name}]({name}): {what}" for name, what in beside.items())
     return f"{text}\n## Also here\n\n{listed}\n"
 
 
