@@ -70,9 +70,10 @@ class Differences:
         found[:, self.plant.unknown] = z * self.plant.width
         return found
 
-    def gram(self, theta: Array, u: Array, y: Array) -> Array:
-        """Inner products (B, 1 + q, 1 + q) of output error and slopes over the recordings."""
-        error = y - self.plant.respond(theta, u)
+    def gram(self, theta: Array, u: Array, y: Array, rows: NDArray[np.intp]) -> Array:
+        """Inner products (R, 1 + q, 1 + q) of output error and slopes over the recordings."""
+        u = u if len(u) == 1 else u[rows]
+        error = y[rows] - self.plant.respond(theta, u)
         slopes = output_slopes(self.plant, theta, u)
         signals = np.concatenate([error[:, None], slopes], axis=1)
         return np.asarray(signals @ signals.swapaxes(1, 2))
@@ -119,7 +120,7 @@ def identify(
     active = np.arange(count)
     for _ in range(_MAX_STEPS):
         trial = z[active] + step[active]
-        found = slopes.gram(slopes.decode(trial, theta[active]), _rows(u, active), y[active])
+        found = slopes.gram(slopes.decode(trial, theta[active]), u, y, active)
         steps[active] += 1
         better = found[:, 0, 0] < cost[active]  # not where the simulator gave nan
         gained = np.where(better, cost[active] - found[:, 0, 0], 0.0)
@@ -195,10 +196,6 @@ def inverse_of(slopes: Array) -> Array:
     with np.errstate(divide="ignore"):
         inverse = np.linalg.inv(np.where(regular[:, None, None], normal, eye)) / outer
     return np.where(regular[:, None, None], inverse, np.where(eye > 0, np.inf, 0.0))
-
-
-def _rows(u: Array, index: NDArray[np.intp]) -> Array:
-    return u if len(u) == 1 else u[index]
 
 
 def _step(

@@ -24,9 +24,19 @@ class Sensitivity(Protocol):
     def decode(self, z: Array, theta: Array) -> Array:
         """Parameters (B, p): the coordinates' values in place of those in `theta`."""
 
-    def gram(self, theta: Array, u: Array, y: Array) -> Array:
-        """Inner products (B, 1 + q, 1 + q) over recordings from rest.
+    def gram(self, theta: Array, u: Array, y: Array, rows: NDArray[np.intp]) -> Array:
+        """Inner products (R, 1 + q, 1 + q) over recordings from rest.
 
         The first signal is the output error ``y - respond(theta, u)``, the others are the
-        derivatives of the output to z; `u` is (1, N) or (B, N), `y` is (B, N).
+        derivatives of the output to z.
+
+        Parameters
+        ----------
+        theta : (R, p) float64
+            A model for each of R recordings.
+        u : (1, N) or (B, N) float64
+        y : (B, N) float64
+            Inputs and outputs of all B recordings.
+        rows : (R,) int
+            Which of them the models belong to.
         """

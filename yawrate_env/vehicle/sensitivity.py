@@ -66,10 +66,10 @@ class LogSensitivity:
             found[:, 1] = values[:, -1] - self.vehicle.M_0
         return found
 
-    def gram(self, theta: Array, u: Array, y: Array) -> Array:
-        """Inner products (B, 1 + q, 1 + q) of output error and slopes over the recordings."""
+    def gram(self, theta: Array, u: Array, y: Array, rows: NDArray[np.intp]) -> Array:
+        """Inner products (R, 1 + q, 1 + q) of output error and slopes over the recordings."""
         chosen = np.array([0, *(1 + np.flatnonzero(self._unknown))])
-        whole = output_gram(self.vehicle, Context(*theta.T.copy()), u, y, self.Ts)
+        whole = output_gram(self.vehicle, Context(*theta.T.copy()), u, y, self.Ts, rows)
         return np.ascontiguousarray(whole[:, chosen[:, None], chosen])
 
     @property
@@ -77,19 +77,23 @@ class LogSensitivity:
         return np.array([self.friction, self.mass])
 
 
-def output_gram(vehicle: Vehicle, context: Context, u: Array, y: Array, Ts: float) -> Array:
-    """Inner products over an episode of (error, d y/d log mu_s, d y/d log M_veh), (B, 3, 3).
+def output_gram(
+    vehicle: Vehicle, context: Context, u: Array, y: Array, Ts: float, rows: NDArray[np.intp]
+) -> Array:
+    """Inner products over an episode of (error, d y/d log mu_s, d y/d log M_veh), (R, 3, 3).
 
     The error is the measured minus the simulated output [rad/s].
 
     Parameters
     ----------
     context : Context
-        The model of each of B recordings.
+        The model of each of R recordings.
     u : (1, N) or (B, N) float64
         Steering commands [rad].
     y : (B, N) float64
         Measured yaw rates [rad/s].
+    rows : (R,) int
+        Which of the recordings the models belong to.
     """
     A, B, C = state_space(vehicle, context)
     by_log = np.stack([context.mu_s, total_mass(vehicle, context)], axis=1)
@@ -99,21 +103,22 @@ def output_gram(vehicle: Vehicle, context: Context, u: Array, y: Array, Ts: floa
     by_alpha, by_beta = (d.swapaxes(0, 1) for d in form.sensitivity(plant, dAd, dBd))
     parts = (form.centre[:, None], form.alpha, form.beta, *by_alpha, *by_beta)
     packed = np.concatenate(parts, axis=1)
-    gram = np.empty((len(y), 3, 3))
-    width = LANES if len(y) > 2 else 1
+    gram = np.empty((len(rows), 3, 3))
+    width = LANES if len(rows) > 2 else 1
 
     def one_block(i: int, j: int) -> None:
         lanes = np.minimum(np.arange(i, i + width), j - 1)
-        own = u[lanes] if len(u) > 1 else u
+        episodes = rows[lanes]
+        own = u[episodes] if len(u) > 1 else u
         work = np.zeros((_ROWS, width))
         work[:_STATE] = packed[lanes].T
-        _gram(width)(own, y, lanes, work.reshape(-1))
+        _gram(width)(own, y, episodes, work.reshape(-1))
         sums = work[_SUMS:, : j - i]
         upper = np.triu_indices(3)
         gram[i:j, upper[0], upper[1]] = sums.T
         gram[i:j, upper[1], upper[0]] = sums.T
 
-    over_blocks(one_block, len(y), width)
+    over_blocks(one_block, len(rows), width)
     return gram
 
 
