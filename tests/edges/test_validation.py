@@ -73,8 +73,8 @@ def test_one_of_names_the_choices():
     [
         ([[1.0, np.nan]], "^x has nan at flat index 1; every value must be finite"),
         ([[1.0, -np.inf]], "^x has -inf at flat index 1"),
-        ([1.0, 2.0], r"^x has shape \(2,\), wanted \(any, 2\)"),
-        ([[1.0, 2.0, 3.0]], r"^x has shape \(1, 3\), wanted \(any, 2\)"),
+        ([1.0, 2.0], r"^x has shape \(2,\), not \(any, 2\)"),
+        ([[1.0, 2.0, 3.0]], r"^x has shape \(1, 3\), not \(any, 2\)"),
         ("abc", "^x is not an array of numbers"),
         ([[1], [2, 3]], "^x is not an array of numbers"),
     ],
