@@ -21,7 +21,7 @@ import tuners
 from studies import accuracy_page, budget, learning, million, ratios, readme, trusting
 from studies.plots import save
 from studies.program import counted, folders, program, seed
-from tuners.cli.numbers import COUNT
+from tuners.cli.arguments import COUNT
 from tuners.cli.progress import Bars
 from yawrate_env.files import write_text
 

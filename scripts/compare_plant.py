@@ -14,20 +14,20 @@ import click
 
 from studies import plants
 from studies.program import counted, folders, program, seed
-from tuners.cli.numbers import COUNT
+from tuners.cli.arguments import COUNT
 from tuners.cli.progress import Bars
 from yawrate_env.plant.entry import find
 
 
 @program(__doc__)
 @click.argument("plant", metavar="PLANT")
-@click.option("--plants", "count", type=COUNT, help="Simulated for training.  [default: the plant's recipe's]")
+@click.option(
+    "--plants", "count", type=COUNT, help="Simulated for training.  [default: the plant's recipe's]"
+)
 @counted("--test", 500, "Test episodes, 20 or more.")
 @seed(help="Of training and test.")
 @folders
-def main(
-    plant: str, count: int | None, test: int, seed: int, results: Path, figures: Path
-) -> None:
+def main(plant: str, count: int | None, test: int, seed: int, results: Path, figures: Path) -> None:
     entry = plant
     if plant.endswith(".py"):
         file = Path(plant)

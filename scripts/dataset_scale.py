@@ -13,7 +13,7 @@ import click
 
 from studies import dataset_scale, plots
 from studies.program import FOLDER, folders, program
-from tuners.cli.numbers import COUNT
+from tuners.cli.arguments import COUNT
 from tuners.cli.progress import Bars
 from yawrate_env.files import write_text
 

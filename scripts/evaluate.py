@@ -14,7 +14,7 @@ import tuners
 from studies.program import counted, env_kwargs, environment, policies, program, seed
 from studies.table3 import row, to_markdown
 from tuners.agents.policies import chosen
-from tuners.cli.files import Output
+from tuners.cli.arguments import Output
 from tuners.cli.progress import Bars
 from tuners.tuner.evaluation import evaluate, write_csv
 from yawrate_env.plant.episodes import SETS

@@ -14,8 +14,9 @@ import tuners
 from studies.program import counted, env_kwargs, environment, program, seed
 from tuners.agents.settings import ALGORITHMS, Training
 from tuners.catalogue import CALIBRATION, SPEEDS
-from tuners.cli.files import Output
+from tuners.cli.arguments import Output
 from tuners.cli.progress import Bars
+from tuners.cli.train import accuracy
 from tuners.features import BY_NAME
 from tuners.tuner.tuner_file import SUFFIX
 from yawrate_env.plant.entry import find
@@ -82,7 +83,7 @@ def main(
                 progress=bars,
             )  # fmt: skip
     tuner.save(out)
-    print(f"{out}: {name}, {tuner.training}")
+    print(f"{out}: {name}, {tuner.training}\n{accuracy(tuner, seed)}")
 
 
 if __name__ == "__main__":

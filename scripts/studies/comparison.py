@@ -19,6 +19,7 @@ from studies.markdown import table
 from studies.metrics import bootstrap_interval
 from tuners import Tuner, load, train
 from tuners.agents import training as rl_training
+from tuners.agents.settings import Training
 from tuners.catalogue import UNTRAINED
 from tuners.tuner.evaluation import Evaluation, evaluate
 from yawrate_env.files import write_text
@@ -73,7 +74,7 @@ def sizes(episodes: int) -> list[int]:
 
 
 def agents(
-    settings: rl_training.Training, folder: Path, progress: Progress | None = None
+    settings: Training, folder: Path, progress: Progress | None = None
 ) -> dict[int, tuple[Path, float]]:
     """Train one agent with snapshots at `sizes`, or find it already in `folder`.
 
@@ -83,13 +84,15 @@ def agents(
         Episodes to (file, seconds of the whole training).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    stem = f"{settings.algorithm}-{settings.compressor}-{settings.seed}"
+    stem = f"{settings.algorithm}-{settings.features}-{settings.seed}"
     clock = folder / f"{stem}.json"
     files = {n: folder / f"{stem}-{n}.tuner" for n in sizes(settings.episodes)}
     done = json.loads(clock.read_text()) if clock.exists() else {}
     if done != {**asdict(settings), "seconds": done.get("seconds")}:  # none, or another length
         start = time.perf_counter()
-        snapshots = rl_training.train({}, settings, at=tuple(files), progress=progress)
+        snapshots = rl_training.snapshots(
+            settings, yaw_rate(Task()), tuple(files), progress=progress
+        )
         done = {"seconds": time.perf_counter() - start, **asdict(settings)}
         for path, (_, tuner) in zip(files.values(), snapshots, strict=True):
             tuner.save(path)
@@ -125,7 +128,7 @@ def compare(
 
     Parameters
     ----------
-    runs : sequence of (algorithm, compressor)
+    runs : sequence of (algorithm, features)
         Which agents.
     seeds : int
         Of each.
@@ -140,11 +143,11 @@ def compare(
         for name in ("ts-gbm", "ts-ff"):
             tuner = train(name, plant, episodes=n, calibration=0, progress=progress)
             scores += [score(e, n, 0) for e in test({name: tuner}, plant)]
-    for algorithm, compressor in runs:
+    for algorithm, features in runs:
         for seed in range(seeds):
-            settings = rl_training.Training(algorithm, compressor, episodes, seed=seed)
+            settings = Training(algorithm, features, episodes, seed=seed)
             for n, (path, seconds) in agents(settings, folder, progress).items():
-                found = test({f"{algorithm}-{compressor}": load(path)}, plant)
+                found = test({f"{algorithm}-{features}": load(path)}, plant)
                 scores += [score(e, n, seed, seconds) for e in found]
     return scores
 
@@ -162,7 +165,10 @@ def curve(scores: Sequence[Score], name: str, value: Callable[[Score], float]) -
     found = {}
     for n in sorted({s.episodes for s in scores if s.name == name}):
         values = np.array([value(s) for s in scores if s.name == name and s.episodes == n])
-        found[n] = (float(interquartile_mean(values)), *bootstrap_interval(values, interquartile_mean))
+        found[n] = (
+            float(interquartile_mean(values)),
+            *bootstrap_interval(values, interquartile_mean),
+        )
     return found
 
 

@@ -32,11 +32,11 @@ _SAMPLE = 100
 _PROGRAM = """
 import sys
 from tuners.data import generate
-from tuners.compressors.laguerre import Laguerre
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.task import Task
+from tuners.features.laguerre import Laguerre
+from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
-generate(Task(), CONTEXT_SETS["train"], Laguerre(), int(sys.argv[1]), 0, sys.argv[2])
+generate(yaw_rate(Task()), "train", Laguerre(), int(sys.argv[1]), 0, sys.argv[2])
 """
 
 

@@ -113,7 +113,9 @@ def _fresh() -> Tally:
 
 def _fingerprint(tuner: Tuner) -> int:
     """Changes with the tuner's numbers."""
-    return zlib.crc32(b"".join(np.ascontiguousarray(a).tobytes() for a in tuner.arrays().values()))
+    return zlib.crc32(
+        b"".join(np.ascontiguousarray(a).tobytes() for a in tuner.method.arrays().values())
+    )
 
 
 def _earlier(path: Path, fingerprints: dict[str, int], seed: int) -> dict[str, Any]:

@@ -149,7 +149,9 @@ def scored(
         for name, tuner in tuners.items()
     }  # fmt: skip
     return [
-        _score(task, amplitude, e, low, trusted.get(e.tuner)) for e in found for low in (False, True)
+        _score(task, amplitude, e, low, trusted.get(e.tuner))
+        for e in found
+        for low in (False, True)
     ]
 
 

@@ -9,10 +9,9 @@ from typing import Any
 
 import click
 
-from tuners.cli.numbers import COUNT
+from tuners.cli.arguments import COUNT, SEED
 from yawrate_env.env.yaw_rate_env import PITuningEnv, PITuningNonlinearEnv
 
-SEED = click.IntRange(min=0)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 
 
@@ -88,7 +87,7 @@ def env_kwargs(function: Any) -> Any:
         default={},
         metavar="JSON",
         show_default=False,
-        help='Conditions of the environment, e.g. \'{"snr_db": 20}\' or \'{"nonlinear": true}\'.',
+        help="Conditions of the environment, e.g. '{\"snr_db\": 20}' or '{\"nonlinear\": true}'.",
     )(function)
 
 

@@ -197,9 +197,7 @@ def _title(protocol: EvaluationProtocol) -> str:
 def _vehicles(plant: Plant, name: str) -> str:
     mu_s, M_delta, v_x = np.transpose(ranges_of(plant, name))
     speed = f"{v_x[0]:g}" if v_x[0] == v_x[1] else f"{v_x[0]:g} to {v_x[1]:g}"
-    return (
-        f"μs {mu_s[0]:g} to {mu_s[1]:g}, Mδ {M_delta[0]:g} to {M_delta[1]:g} kg, {speed} m/s"
-    )
+    return f"μs {mu_s[0]:g} to {mu_s[1]:g}, Mδ {M_delta[0]:g} to {M_delta[1]:g} kg, {speed} m/s"
 
 
 def _names(names: Sequence[str]) -> str:
