@@ -1,4 +1,4 @@
-"""A second stage that learned from rewards: the actor of an agent, as a learner like any other.
+"""Second stage of an agent: an actor that was trained on rewards.
 
 An agent sees standardised features and answers in [-1, 1]; what it was trained around,
 the standardisation and the range of the coordinates, is kept with it.
@@ -72,7 +72,7 @@ class Actor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agent:
-    """An actor, and what it was trained around.
+    """An actor with the standardisation and the action range of its training.
 
     Attributes
     ----------
