@@ -73,7 +73,7 @@ class FeatureMap:
             )
         values = values[usable]
         scale = values.std(axis=0)
-        return cls(first_stage, values.mean(axis=0), np.where(scale > 0, scale, 1.0))
+        return cls(features, values.mean(axis=0), np.where(scale > 0, scale, 1.0))
 
     def raw(self, u: Array, y: Array, Ts: float, known: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, n) before standardising, and where they are usable.

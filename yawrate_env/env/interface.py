@@ -17,6 +17,7 @@ from yawrate_env.plant.episodes import Draw, designed, integers_of
 from yawrate_env.plant.names import ORACLE, split
 from yawrate_env.plant.parametrisation import scale_to_bounds
 from yawrate_env.plant.plant import Plant
+from yawrate_env.plant.reward import defined
 from yawrate_env.signals.decimation import averaged
 
 Array = NDArray[np.float64]
@@ -49,6 +50,9 @@ class Interface:
         a value.
     decimate : int
         Observations are averages over blocks of so many samples.
+    unmasked : bool
+        Whether the info has the metrics of unstable loops as they are evaluated; otherwise they
+        are ``nan``, and ``inf`` where the loop is stable and a metric is undefined.
     basis : tuple, optional
         Order and pole [rad/s] of the Laguerre features that agents observe; suited to the plant
         if omitted.
@@ -61,6 +65,7 @@ class Interface:
     features_of: Callable[[Array], Array]
     check_pin: Callable[[str, float], Any]
     decimate: int = 1
+    unmasked: bool = False
     basis: tuple[int, float] | None = None
 
     @classmethod
@@ -154,10 +159,11 @@ class Interface:
         gains = np.clip(actions, space.low, space.high)
         values, stable = plant.evaluation(theta, gains)
         oracle = plant.oracle(theta)
+        metrics = values if self.unmasked else defined(values, stable)
         info = {
             **dict(zip(plant.gains, gains.T, strict=True)),
             "clipped": (gains != actions).any(axis=1),
-            **{split(name)[0]: of for name, of in zip(plant.metrics, values.T, strict=True)},
+            **{split(name)[0]: of for name, of in zip(plant.metrics, metrics.T, strict=True)},
             "stable": stable,
             **{ORACLE + name: of for name, of in zip(plant.gains, oracle.T, strict=True)},
             **dict(zip(plant.prior, theta.T, strict=True)),

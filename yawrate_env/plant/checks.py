@@ -144,6 +144,10 @@ def _check_names(plant: Mapping[str, Any]) -> None:
     })  # fmt: skip
 
 
+def _command_limits(name: str, value: Any) -> tuple[float, float] | None:
+    return None if value is None else validation.interval(name, value)
+
+
 _OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop")
 
 _SETTINGS: dict[str, Check] = {
@@ -171,6 +175,7 @@ _SETTINGS: dict[str, Check] = {
     ),
     "arguments": partial(_mapping, check=lambda name, value: value),
     "black_box": _black_box,
+    "command_limits": _command_limits,
 }  # fmt: skip
 
 _OF_PARAMETERS: dict[str, Check] = {

@@ -19,7 +19,7 @@ from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import split
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
-from yawrate_env.plant.reward import reward
+from yawrate_env.plant.reward import defined, reward
 from yawrate_env.plant.sensitivity import Sensitivity
 from yawrate_env.signals.noise import add_white_noise
 
@@ -150,6 +150,9 @@ class Plant:
     loop : callable, optional
         ``loop(theta, gains)``, of one plant: parameters (p,) and gains (k,) to the `ClosedLoop`
         that reports draw.
+    command_limits : tuple of float, optional
+        Least and largest input that the actuator takes, where known: exported controllers
+        saturate there.
     black_box : tuple, optional
         Order and pole [rad/s] of the Laguerre basis of the reference model; chosen
         automatically if omitted.
@@ -187,6 +190,7 @@ class Plant:
     search_limits: Mapping[str, Range] = field(default_factory=dict)
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
+    command_limits: Range | None = None
     black_box: tuple[int, float] | None = None
     check: InitVar[bool] = True
 
@@ -370,9 +374,7 @@ class Plant:
 
     def counted_values(self, values: Array, stable: Flags) -> Array:
         """What `metric_values` gives, from an `evaluation`."""
-        values = values[:, self._counted]
-        defined = np.where(np.isfinite(values), values, np.inf)
-        return np.where(stable[:, None], defined, np.nan)
+        return defined(values[:, self._counted], stable)
 
     def targets(self, theta: Array) -> Array:
         """Counted metrics (B, f) that the design rule aims at, or else what it reaches."""

@@ -66,6 +66,9 @@ MESSAGES = {
 EXTRAPOLATION = {"mu_s": (1.1, 1.3), "M_delta": (300.0, 500.0)}
 """Stickier and heavier than anything in eq. (12)."""
 
+COMMAND_LIMITS = (float(np.radians(-30.0)), float(np.radians(30.0)))
+"""Road-wheel angle of exported controllers [rad]."""
+
 IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
 """What pictures show."""
 
@@ -128,6 +131,7 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         search_limits=vehicles.limits(),
         action_bounds=vehicles.action_bounds,
         loop=vehicles.loop,
+        command_limits=COMMAND_LIMITS,
         black_box=BLACK_BOX,
         entry=f"{__name__}:{from_settings.__name__}",
         arguments=task.settings(),

@@ -1,4 +1,4 @@
-"""Generated C, compiled and run."""
+"""Compile and run generated C."""
 
 import shutil
 import subprocess
@@ -14,9 +14,9 @@ DRIVER = """\
 #include <stdio.h>
 
 #ifdef YAWRATE_TUNER_MEASURED
-#define BESIDE measured,
+#define MEASURED measured,
 #else
-#define BESIDE
+#define MEASURED
 #define YAWRATE_TUNER_MEASURED 0
 #endif
 
@@ -30,7 +30,7 @@ static double next(void)
     return value;
 }
 
-/* Recordings: number of samples, what is measured beside, samples; or 0, measured, features. */
+/* Recordings: number of samples, measured parameters, samples; or 0, parameters, features. */
 int main(void)
 {
     static yawrate_laguerre_state state;
@@ -51,12 +51,12 @@ int main(void)
 
                 yawrate_laguerre_sample(&state, input, next());
             }
-            i = yawrate_tuner_solve(&state, BESIDE gains);
+            i = yawrate_tuner_solve(&state, MEASURED gains);
         } else {
             for (i = 0; i < YAWRATE_LAGUERRE_FEATURES; i++) {
                 features[i] = next();
             }
-            i = yawrate_tuner_gains(features, BESIDE gains);
+            i = yawrate_tuner_gains(features, MEASURED gains);
         }
         (void)measured;
         (void)printf("%d", i);
@@ -71,7 +71,7 @@ int main(void)
 
 
 def compiled(folder, *sources, flags=(), data=b""):
-    """Compile what lies in a folder, strictly, and run it."""
+    """Compile sources of a folder, strictly, and run the program."""
     compiler = shutil.which("gcc") or shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler")
@@ -80,6 +80,27 @@ def compiled(folder, *sources, flags=(), data=b""):
     paths = [str(folder / name) for name in sources]
     subprocess.run([*command, *paths, "-o", str(program), "-lm"], check=True)
     return subprocess.run([str(program)], capture_output=True, input=data)
+
+
+def written(folder, files):
+    """Write a program's files by name."""
+    for name, text in files.items():
+        (folder / name).write_text(text)
+    return folder
+
+
+def notices(folder, source, mistakes, *names):
+    """Whether the test program fails for each mistake in a source, by what it replaces."""
+    path, found = folder / source, []
+    right = path.read_text()
+    for before, after in mistakes.items():
+        assert before in right, before
+        path.write_text(right.replace(before, after))
+        parts = [f"{name}.c" for name in names]
+        done = compiled(folder, *parts, f"{names[-1]}_test.c", flags=["-Wno-unused"])
+        found.append(done.returncode == 1)
+    path.write_text(right)
+    return all(found)
 
 
 def passes(folder, *names):
@@ -95,5 +116,5 @@ def answers(folder, rows):
     data = b"".join(np.concatenate(row).astype(np.float64).tobytes() for row in rows)
     parts = "driver.c", "yawrate_laguerre.c", "yawrate_tuner.c"
     lines = compiled(folder, *parts, flags=("-O2",), data=data).stdout.decode().splitlines()
-    found = np.array([[float(word) for word in line.split()] for line in lines])
+    found = np.array([[float(text) for text in line.split()] for line in lines])
     return found[:, 1:], found[:, 0].astype(int)

@@ -17,7 +17,7 @@ from yawrate_env.loop.margins import TransferFunction
 from yawrate_env.loop.target import Target
 
 TABLE = json.loads(
-    (Path(__file__).parent / "references" / "pidtune_reference.json").read_text("utf-8")
+    (Path(__file__).parents[1] / "references" / "pidtune_reference.json").read_text("utf-8")
 )
 ROWS = pytest.mark.parametrize(
     "row", TABLE, ids=[f"{i}-{r['name']}-{r['kind']}" for i, r in enumerate(TABLE)]
@@ -274,47 +274,47 @@ def test_a_pid_without_filter_has_zieglers_and_nicholss_ratio():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    "system",
     [
-        ((1.0, "PI"), "wanted a control.TransferFunction"),
-        ((control.ss(np.eye(2) * -1, np.eye(2), np.eye(2), 0), "PI"), "2 inputs"),
-        ((control.tf([1, 0, 0], [1, 1]), "PI"), "not proper"),
-        ((TRIPLE_LAG, "PII"), "kind = 'PII' is unknown"),
-        ((control.tf(1, [1, 1], True), "PI"), "no sampling time"),
-        ((control.tf([np.nan], [1, 1]), "PI"), "not finite"),
-        ((control.ss(-np.inf, 1, 1, 0), "PI"), "not finite"),
-        ((control.tf(1, [1e-300, 1, 1]), "PI"), "poles from 1 to 1e.300"),
-        ((control.tf(1, [5e-324, 1e3, 1]), "PI"), "leading coefficient so small"),
+        1.0,
+        control.ss(np.eye(2) * -1, np.eye(2), np.eye(2), 0),
+        control.tf([1, 0, 0], [1, 1]),  # not proper
+        control.tf(1, [1, 1], True),  # no sampling time
+        control.tf([np.nan], [1, 1]),
+        control.ss(-np.inf, 1, 1, 0),
+        control.tf(1, [1e-300, 1, 1]),
+        control.tf(1, [5e-324, 1e3, 1]),
     ],
 )
-def test_a_wrong_plant_is_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        pidtune(*arguments)
+def test_a_wrong_plant_is_refused(system):
+    with pytest.raises(ValueError, match="^sys"):
+        pidtune(system)
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "name"),
     [
-        ({"wc": 0.0}, "wc = 0 must be"),
-        ({"wc": np.nan}, "wc = nan must be"),
-        ({"pm": 0.0}, "pm = 0 must be"),
-        ({"pm": 181.0}, "pm = 181 must be"),
-        ({"delay": -1.0}, "delay = -1 must be"),
-        ({"delay": 20.1}, "delay = 20.1 must be .* at most 20. It is 200 samples"),
-        ({"delay": 0.05}, "not a multiple of the sampling time"),
-        ({"wc": 32.0}, "at most 28.27"),
-        ({"Tf": 0.1}, "kinds PDF and PIDF"),
-        ({"Tf": -0.1}, "Tf = -0.1 must be"),
+        ({"kind": "PII"}, "kind"),
+        ({"wc": 0.0}, "wc"),
+        ({"wc": np.nan}, "wc"),
+        ({"wc": 32.0}, "wc"),
+        ({"pm": 0.0}, "pm"),
+        ({"pm": 181.0}, "pm"),
+        ({"delay": -1.0}, "delay"),
+        ({"delay": 20.1}, "delay"),
+        ({"delay": 0.05}, "delay"),  # no multiple of the sampling time
+        ({"Tf": 0.1}, "Tf"),
+        ({"Tf": -0.1}, "Tf"),
     ],
 )
-def test_wrong_options_are_refused(options, message):
-    with pytest.raises(ValueError, match=message):
-        pidtune(control.sample_system(TRIPLE_LAG, 0.1), "PI", **options)
+def test_wrong_options_are_refused(options, name):
+    with pytest.raises(ValueError, match=f"^{name} = "):
+        pidtune(control.sample_system(TRIPLE_LAG, 0.1), **options)
 
 
 @pytest.mark.parametrize("delay", [1e6, 1e9])
 def test_a_delay_of_too_many_turns_is_refused_and_not_called_unstable(delay):
-    with pytest.raises(ValueError, match=r"turns the loop .* up to 10000 turns"):
+    with pytest.raises(ValueError, match="^delay = "):
         pidtune(control.tf(1, [1, 1]), "P", wc=1.0, delay=delay)
 
 
