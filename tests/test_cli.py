@@ -8,7 +8,8 @@ import sys
 
 import numpy as np
 import pytest
-from answers import answer, drive
+from answers import answer
+from drives import drive
 from click.testing import CliRunner
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st

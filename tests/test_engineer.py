@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import PAPER, drive
+from drives import PAPER, drive
 from click.testing import CliRunner
 
 import tuners

@@ -4,7 +4,7 @@ Everything is batched, ``(B, ...)``; functions that take one plant at a time are
 loop.  `docs/plants.md` says what each function must do.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, fields
 from typing import Any
 
@@ -120,6 +120,16 @@ class Plant:
     synonyms : dict, optional
         ``input``, ``output`` and names of measured parameters to further column names that logs
         give them.
+    cautions : dict, optional
+        Column names, in lower case letters, that may stand for another quantity than the input,
+        to the sentence that a log with such a column gets.
+    actuator : callable, optional
+        ``actuator(signal, Ts)``: response (N,) of the known actuator in front of the plant to a
+        signal (N,) that is linear between its samples, from steady state.  Logs may then hold
+        the actuator's measured position instead of its command.
+    remarks : callable, optional
+        ``remarks(u, y, measured)``: sentences on what a log's input (N,), output (N,) and
+        measured parameters {name: (N,)} leave out of account.
     messages : dict, optional
         Checks of a recording (`tuners.trust.checks`) to the sentence that is shown where they
         fail, in the terms of this plant.
@@ -180,6 +190,9 @@ class Plant:
     signals: tuple[str, str] = ("u", "y")
     labels: Mapping[str, str] = field(default_factory=dict)
     synonyms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    cautions: Mapping[str, str] = field(default_factory=dict)
+    actuator: Callable[[Array, float], Array] | None = None
+    remarks: Callable[[Array, Array, Mapping[str, Array]], Sequence[str]] | None = None
     messages: Mapping[str, str] = field(default_factory=dict)
     entry: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)
