@@ -160,6 +160,10 @@ class Plant:
     loop : callable, optional
         ``loop(theta, gains)``, of one plant: parameters (p,) and gains (k,) to the `ClosedLoop`
         that reports draw.
+    display : tuple, optional
+        Names of input and output in reports with their units, and factors from the units of
+        `signals` to these: ``(("steering [deg]", 57.3), ("yaw rate [deg/s]", 57.3))``; by
+        default `signals` and 1.
     command_limits : tuple of float, optional
         Least and largest input that the actuator takes, where known: exported controllers
         saturate there.
@@ -203,6 +207,7 @@ class Plant:
     search_limits: Mapping[str, Range] = field(default_factory=dict)
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
+    display: tuple[tuple[str, float], tuple[str, float]] | None = None
     command_limits: Range | None = None
     black_box: tuple[int, float] | None = None
     check: InitVar[bool] = True
