@@ -24,7 +24,9 @@ def read(content: bytes) -> Table:
 
     def column(name: str) -> Column:
         try:
-            signals = (file.get(group=group, index=index) for group, index in file.channels_db[name])
+            signals = (
+                file.get(group=group, index=index) for group, index in file.channels_db[name]
+            )
             signal = max(signals, key=len)  # a channel may be in empty groups too
             values = np.asarray(signal.samples, dtype=np.float64)
         except Exception as error:
