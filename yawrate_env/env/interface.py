@@ -17,6 +17,7 @@ from yawrate_env.plant.episodes import Draw, designed, integers_of
 from yawrate_env.plant.names import ORACLE, split
 from yawrate_env.plant.parametrisation import scale_to_bounds
 from yawrate_env.plant.plant import Plant
+from yawrate_env.plant.reward import defined
 from yawrate_env.signals.decimation import averaged
 
 Array = NDArray[np.float64]
@@ -49,6 +50,9 @@ class Interface:
         a value.
     decimate : int
         Observations are averages over blocks of so many samples.
+    unmasked : bool
+        Whether the info has the metrics of unstable loops as they are evaluated; otherwise they
+        are ``nan``, and ``inf`` where the loop is stable and a metric is undefined.
     basis : tuple, optional
         Order and pole [rad/s] of the Laguerre features that agents observe; suited to the plant
         if omitted.
@@ -61,6 +65,7 @@ class Interface:
     features_of: Callable[[Array], Array]
     check_pin: Callable[[str, float], Any]
     decimate: int = 1
+    unmasked: bool = False
     basis: tuple[int, float] | None = None
 
     @classmethod
@@ -141,12 +146,11 @@ class Interface:
                 f"obs has shape {array.shape}. Give (B, {shape[0]}, {shape[1]}), as this "
                 "environment does."
             )
-        u = array[:, 0]
-        u, y = (x.astype(np.float64, order="C") for x in (u[:1] if (u == u[:1]).all() else u,
-                                                          array[:, 1]))  # fmt: skip
+        u, y = array[:, 0], array[:, 1]
+        u = u[:1] if (u == u[:1]).all() else u
         theta = np.tile(self.plant.middle, (len(array), 1))
         theta[:, self.plant.indices(self.visible)] = array[:, 2:, 0]
-        return u, y, theta
+        return u.astype(np.float64, order="C"), y.astype(np.float64, order="C"), theta
 
     def outcome(self, theta: Array, actions: Array) -> tuple[Array, Info]:
         """Rewards (B,) of actions (B, k), and the info with the truth, arrays (B,)."""
@@ -154,10 +158,11 @@ class Interface:
         gains = np.clip(actions, space.low, space.high)
         values, stable = plant.evaluation(theta, gains)
         oracle = plant.oracle(theta)
+        metrics = values if self.unmasked else defined(values, stable)
         info = {
             **dict(zip(plant.gains, gains.T, strict=True)),
             "clipped": (gains != actions).any(axis=1),
-            **{split(name)[0]: of for name, of in zip(plant.metrics, values.T, strict=True)},
+            **{split(name)[0]: of for name, of in zip(plant.metrics, metrics.T, strict=True)},
             "stable": stable,
             **{ORACLE + name: of for name, of in zip(plant.gains, oracle.T, strict=True)},
             **dict(zip(plant.prior, theta.T, strict=True)),

@@ -74,6 +74,7 @@ def interface_of(task: Task, visible: str, decimate: int) -> Interface:
         features_of=partial(np.take, indices=columns, axis=1),
         check_pin=_check_pin,
         decimate=decimate,
+        unmasked=True,
         basis=BASIS,
     )
 

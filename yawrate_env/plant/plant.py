@@ -19,7 +19,7 @@ from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import split
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
-from yawrate_env.plant.reward import reward
+from yawrate_env.plant.reward import defined, reward
 from yawrate_env.plant.sensitivity import Sensitivity
 from yawrate_env.signals.noise import add_white_noise
 
@@ -333,7 +333,7 @@ class Plant:
             return np.asarray(call("record", self.record, theta, u, keys, out))
         clean = np.ascontiguousarray(self.respond(theta, u, rng))
         sigma = self.sigma(clean).copy()
-        measured: Any = np.empty_like(clean) if out is None else out
+        measured: Array = np.empty_like(clean) if out is None else out  # type: ignore[assignment]
 
         def work(i: int, j: int) -> None:
             add_white_noise(clean[i:j], sigma[i:j], keys[i:j], measured[i:j])
@@ -394,9 +394,7 @@ class Plant:
 
     def counted_values(self, values: Array, stable: Flags) -> Array:
         """What `metric_values` gives, from an `evaluation`."""
-        values = values[:, self._counted]
-        defined = np.where(np.isfinite(values), values, np.inf)
-        return np.where(stable[:, None], defined, np.nan)
+        return defined(values[:, self._counted], stable)
 
     def targets(self, theta: Array) -> Array:
         """Counted metrics (B, f) that the design rule aims at, or else what it reaches."""
