@@ -28,7 +28,7 @@ T = np.linspace(0.0, 3.0, 50)
 
 def integrator(theta, gains):
     """The first-order plant's loop, 1/(TAU s), and the step of it."""
-    step = Response("Step of the flow by 1 l/s", T, 1 - np.exp(-T / TAU), wanted=1.0)
+    step = Response("Step of the flow by 1 l/s", T, 1 - np.exp(-T / TAU), setpoint=1.0)
     return ClosedLoop((step,), OpenLoop(F, 1 / (2j * np.pi * F * TAU)))
 
 

@@ -24,7 +24,7 @@ class Response:
         The event, as in ``Step of the level by 2 cm``.
     time, value : NDArray
         (N,) [s], and the signal; ``nan`` where it has diverged.
-    wanted : float
+    setpoint : float
         Setpoint of the signal; ``nan`` if it has none.
     label : str
         The signal and its unit, as in ``pump [V]``; the plant's output if not given.
@@ -33,15 +33,15 @@ class Response:
     title: str
     time: Array
     value: Array
-    wanted: float = np.nan
+    setpoint: float = np.nan
     label: str = ""
 
     def __post_init__(self) -> None:
         validation.text("a response's title", self.title)
         validation.instance("a response's label", self.label, str, remedy="Give text.")
-        wanted = self.wanted
-        if not (isinstance(wanted, float) and np.isnan(wanted)):
-            wanted = validation.number("a response's wanted", wanted, remedy="Give nan for none.")
+        setpoint = self.setpoint
+        if not (isinstance(setpoint, float) and np.isnan(setpoint)):
+            setpoint = validation.number("a response's setpoint", setpoint, remedy="Give nan for none.")
         time = _rising("a response's time", self.time)
         value = validation.float_array("a response's value", self.value)
         if value.shape != time.shape:
@@ -49,7 +49,7 @@ class Response:
                 f"{self.title!r} has values of shape {value.shape}, not one for each of its "
                 f"{len(time)} times."
             )
-        object.__setattr__(self, "wanted", wanted)
+        object.__setattr__(self, "setpoint", setpoint)
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "value", value)
 
@@ -79,7 +79,7 @@ class OpenLoop:
         response = _response(self.response)
         if response.shape != frequency.shape:
             raise ValueError(
-                f"an open loop has a response of shape {response.shape}, wanted one for each of "
+                f"an open loop has a response of shape {response.shape}, not one for each of "
                 f"its {len(frequency)} frequencies."
             )
         if self.margins is not None:
