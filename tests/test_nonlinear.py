@@ -13,11 +13,11 @@ from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.signals.excitation import prbs
 from yawrate_env.vehicle.nonlinear import Body, Limits, NonlinearTwin, Tyre
-from yawrate_env.vehicle.task import twin_from
 from yawrate_env.vehicle.nonlinear import tyre as tyres
 from yawrate_env.vehicle.nonlinear.body import GRAVITY
 from yawrate_env.vehicle.nonlinear.steering import PIECE, PIECES, cut
 from yawrate_env.vehicle.single_track import Context, Vehicle
+from yawrate_env.vehicle.task import twin_from
 from yawrate_env.vehicle.twin import LinearTwin
 
 TWIN = NonlinearTwin()
