@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.features import Features
-from tuners.learners.actor import standardised
+from tuners.learners.actor import standardise
 from yawrate_env.plant.action_bounds import action_bounds
 from yawrate_env.plant.episodes import recorded
 from yawrate_env.plant.parametrisation import Parametrisation, scale_to_bounds
@@ -97,7 +97,7 @@ class FeatureMap:
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Standardised features (B, n) float32; zero where they are not usable."""
         values, usable = self.raw(u, y, Ts, known)
-        standard = standardised(values, self.mean, self.scale)
+        standard = standardise(values, self.mean, self.scale)
         return np.where(usable[:, None], standard, np.float32(0.0)), usable
 
 

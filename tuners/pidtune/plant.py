@@ -1,6 +1,6 @@
-"""A python-control system as the design rule sees it: its response, and its phase in full turns.
+"""Frequency response of a python-control system, with its phase in full turns.
 
-A discrete system is looked at in the bilinear plane ``s = 2/Ts (z - 1)/(z + 1)``, where it is
+A discrete system is mapped to the bilinear plane ``s = 2/Ts (z - 1)/(z + 1)``, where it is
 a rational function again and ``omega`` becomes ``v = 2/Ts tan(omega Ts/2)``: one rule designs
 for both, and Tustin's formula takes the controller back without any error at `omega`.
 
@@ -176,12 +176,12 @@ def _check(sys: Any) -> None:
 
     if not isinstance(sys, control.TransferFunction | control.StateSpace):
         raise ValueError(
-            f"sys is a {type(sys).__name__}, wanted a control.TransferFunction or "
+            f"sys is a {type(sys).__name__}, expected a control.TransferFunction or "
             "control.StateSpace. Build one with control.tf or control.ss."
         )
     if (sys.ninputs, sys.noutputs) != (1, 1):
         raise ValueError(
-            f"sys has {sys.ninputs} inputs and {sys.noutputs} outputs, wanted one of each. "
+            f"sys has {sys.ninputs} inputs and {sys.noutputs} outputs, expected one of each. "
             "Choose a channel with sys[i, j]."
         )
     if sys.dt is True:

@@ -144,7 +144,11 @@ def _check_names(plant: Mapping[str, Any]) -> None:
     })  # fmt: skip
 
 
-_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop")
+def _command_limits(name: str, value: Any) -> tuple[float, float] | None:
+    return None if value is None else validation.interval(name, value)
+
+
+_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks")
 
 _SETTINGS: dict[str, Check] = {
     "prior": _prior,
@@ -171,6 +175,7 @@ _SETTINGS: dict[str, Check] = {
     ),
     "arguments": partial(_mapping, check=lambda name, value: value),
     "black_box": _black_box,
+    "command_limits": _command_limits,
 }  # fmt: skip
 
 _OF_PARAMETERS: dict[str, Check] = {

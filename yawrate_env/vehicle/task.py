@@ -1,4 +1,4 @@
-"""What is randomised, what is recorded, what the loop must do: frozen records.
+"""Settings of the yaw-rate task: prior, experiment, loop target, vehicle and twin.
 
 The defaults are the paper's values, and our choices where the paper is silent: the
 speed, the excitation, and 1 kHz episodes for a controller that runs at 100 Hz.

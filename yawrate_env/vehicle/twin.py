@@ -1,4 +1,4 @@
-"""What answers a steering command with a yaw rate: the seam between episodes and physics.
+"""Twins: simulators of the yaw rate that a steering command causes.
 
 A task holds its twin; recording, data sets, environments and tuners never ask which
 one it is.  `LinearTwin` is the paper's; `yawrate_env.vehicle.nonlinear` has another.
