@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.utils.env_checker import check_env
-
 from recordings import ROOT
 
 from yawrate_env.env.rendering import figure, pixels
