@@ -41,13 +41,13 @@ def test_from_a_toml_file_to_trusted_gains(tmp_path):
         "\n".join(["t,u,y", *(f"{k * 0.02:.2f},{U[k]},{-y[k]:.5f}" for k in range(500))])
     )
     code, out, _ = call("tune", log, "--tuner", tuner)
-    assert code == 3 and "NOT TRUSTED" in out and "Best for every plant" in out
+    assert code == 3 and "NOT TRUSTED" in out and "--flip-input" in out
 
 
 @pytest.mark.parametrize(
     "toml, words",
     [
-        ("[plant]\n", "nothing else"),
+        ("[plant]\n", "entry"),
         ('[plant]\nentry = "gone:plant"\n', "no module 'gone'"),
         ("[plant\n", "is not TOML"),
     ],
@@ -62,7 +62,7 @@ def test_the_input_to_drive_is_written(tmp_path):
     (tmp_path / "my.toml").write_text(f'[plant]\nentry = "{ENTRY}"\n')
     out = tmp_path / "u.csv"
     code, said, _ = call("excite", "--vehicle", tmp_path / "my.toml", "-o", out)
-    assert code == 0 and "10 s of valve [%]" in said
+    assert code == 0 and "10 s of valve" in said
     written = np.loadtxt(out, delimiter=",", skiprows=1)
     np.testing.assert_allclose(written[:, 1], U)
     np.testing.assert_allclose(np.diff(written[:, 0]), plant.Ts)
