@@ -33,8 +33,7 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
     plant["synonyms"] = _mapping("synonyms", plant["synonyms"], _texts, roles)
     plant["metrics"] = _metrics(plant["metrics"], plant["gains"], plant["evaluate"] is not None)
     if plant["crossover"] is not None:
-        validation.number("crossover", plant["crossover"], above=0.0, below=0.5 / plant["Ts"],
-                          remedy="Give it in Hz, below half the sampling rate.")  # fmt: skip
+        validation.number("crossover", plant["crossover"], above=0.0, remedy="Give it in Hz.")
     if plant["target"] is not None:
         counted = sum(metric.counts for metric in plant["metrics"].values())
         target = validation.finite_array("target", plant["target"], shape=(counted,))
@@ -42,6 +41,15 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
     _check_limits(plant["search_limits"], plant["prior"])
     _check_names(plant)
     return plant
+
+
+def check_experiment(u: Any, Ts: float, crossover: float | None) -> None:
+    """``ValueError`` where an experiment is too short or sampled too slowly to learn from."""
+    remedy = "Describe a longer experiment."
+    validation.count("number of samples of u", len(u), at_least=SHORTEST, remedy=remedy)
+    if crossover is not None:
+        remedy = "Give it in Hz, below half the sampling rate."
+        validation.number("crossover", crossover, below=0.5 / Ts, remedy=remedy)
 
 
 def _mapping(name: str, value: Any, check: Check, keys: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -75,8 +83,6 @@ def _texts(name: str, value: Any) -> tuple[str, ...]:
 
 def _input(name: str, value: Any) -> Any:
     u = validation.finite_array(name, value, shape=(None,))
-    remedy = "Describe a longer experiment."
-    validation.count("number of samples of u", len(u), at_least=SHORTEST, remedy=remedy)
     if not u.any():
         raise ValueError("u is zero everywhere. Give an input that excites the plant.")
     return np.array(u)  # the caller may change theirs
