@@ -139,7 +139,7 @@ def test_the_protocol_is_version_1():
     assert (beyond.mu_s, beyond.M_delta) == ((1.1, 1.3), (300.0, 500.0))
     # The reward: 2 deg and 0.05 Hz off, and unstable.
     graded = reward(np.array([62.0, 60.0]), np.array([1.55, 1.5]), np.array([True, False]),
-                    TASK.target)  # fmt: skip
+                    target)  # fmt: skip
     e = np.hypot(0.2, 0.2)
     np.testing.assert_allclose(graded, [-e / (1 + e / 4), -5.0])
 
