@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
-from studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, ORACLE, Score
 import tuners
+from studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
 from studies.draws import draw
+from studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, ORACLE, Score
 from yawrate_env.batch import take
 from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
 

@@ -10,8 +10,7 @@ from recordings import recorded
 from scipy.signal import welch
 
 import tuners
-from studies import conditions, off_design, off_design_page, pictures, plots
-from studies import draws
+from studies import conditions, draws, off_design, off_design_page, pictures, plots
 from studies.bounds import bound_on
 from studies.conditions import SPEED, SWEEPS
 from studies.metrics import rms

@@ -135,11 +135,9 @@ def test_the_protocol_is_version_1():
         "delay_samples": 0,
         "controller": "pi",
     }
-    beyond = CONTEXT_SETS["extrapolation"].beyond
-    assert (beyond.mu_s, beyond.M_delta) == ((1.1, 1.3), (300.0, 500.0))
+    assert PLANT.extrapolation == {"mu_s": (1.1, 1.3), "M_delta": (300.0, 500.0)}
     # The reward: 2 deg and 0.05 Hz off, and unstable.
-    graded = reward(np.array([62.0, 60.0]), np.array([1.55, 1.5]), np.array([True, False]),
-                    target)  # fmt: skip
+    graded = PLANT.reward_of(np.array([[2.0, 0.05], [np.nan, np.nan]]))
     e = np.hypot(0.2, 0.2)
     np.testing.assert_allclose(graded, [-e / (1 + e / 4), -5.0])
 

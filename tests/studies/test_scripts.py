@@ -39,7 +39,9 @@ def called(tmp_path, monkeypatch, capsys):
     return call
 
 
-@pytest.mark.parametrize("script", ["evaluate", "train", "reproduce_paper", "accuracy", "make_results", "compare_plant"])
+@pytest.mark.parametrize(
+    "script", ["evaluate", "train", "reproduce_paper", "accuracy", "make_results", "compare_plant"]
+)
 def test_help_shows_an_example(script, called):
     status, out, _ = called(script, "--help")
     assert status == 0
@@ -240,7 +242,9 @@ def test_accuracy_asks_about_trust(called, tmp_path):
 def test_off_design_writes_everything(called, tmp_path):
     places = ("--results", ".", "--figures", ".", "--every-speed", "ts-ff-lag-vx")
     status, out, _ = called("off_design", "--episodes", 2, "--tuner", "gb", *places)
-    names = {f"{page}.{kind}" for page in ("off_design", "schedule") for kind in ("json", "md", "png")}
+    names = {
+        f"{page}.{kind}" for page in ("off_design", "schedule") for kind in ("json", "md", "png")
+    }
     assert status == 0 and {path.name for path in tmp_path.iterdir()} == names
     assert "# Off the design point" in out and "# One tuner for every speed" in out
 
