@@ -55,10 +55,13 @@ def slopes(theta):
 
 
 plant = described()
+CROSSOVER = 1 / (2 * np.pi * TAU)
+
+linear = described(linear=True, crossover=CROSSOVER, entry="first_order:linear")
 gauged = described(
     measured={"K": 0.05},
     linear=True,
-    crossover=1 / (2 * np.pi * TAU),
+    crossover=CROSSOVER,
     black_box=(6, 3.0),
     entry="first_order:gauged",
 )
