@@ -3,7 +3,7 @@
 from functools import cache
 
 import numpy as np
-from first_order import gauged, linear
+from first_order import linear, weighed
 from recordings import ROOT
 
 import tuners
@@ -20,20 +20,21 @@ from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 SHORT = Experiment(Ts=0.01, N=1000)
-STRONG = Experiment(Ts=0.01, N=500, amplitude=float(np.radians(4.0)))
+STRONG = Experiment(Ts=0.01, N=300, amplitude=float(np.radians(4.0)))
 VEHICLE = Task(experiment=SHORT)
 
 FAMILIES: dict[str, Plant] = {
     "lag": linear,
-    "lag of measured gain": gauged,
+    "lag of measured gain": weighed,
     "vehicle": yaw_rate(VEHICLE),
     "vehicle of any speed": yaw_rate(Task(experiment=SHORT, prior=Prior(v_x=(10.0, 33.0)))),
     "nonlinear vehicle": yaw_rate(Task(experiment=STRONG, twin=NonlinearTwin())),
     "motor": find("dc_motor:plant", ROOT / "examples" / "plants"),
 }
 
+SLOW = "nonlinear vehicle", "motor"
 LINEAR = [name for name, plant in FAMILIES.items() if plant.linear]
-COUNT = 48
+COUNT = 24
 
 
 @cache
@@ -42,7 +43,13 @@ def trained(name: str) -> Tuner:
     plant = FAMILIES[name]
     learner = FeedForwardSettings(neurons=8, epochs=80, max_fail=10)
     recipe = Recipe(features_for(plant), learner, noise_draws=2, episodes=250)
-    return tuners.train(recipe, plant, calibration=128)
+    return tuners.train(recipe, plant, calibration=64 if name in SLOW else 256)
+
+
+@cache
+def reference(name: str, method: type) -> Tuner:
+    """A tuner that needs no training."""
+    return Tuner(FAMILIES[name], method(), {"name": method.kind})
 
 
 @cache

@@ -58,6 +58,9 @@ plant = described()
 CROSSOVER = 1 / (2 * np.pi * TAU)
 
 linear = described(linear=True, crossover=CROSSOVER, entry="first_order:linear")
+weighed = described(
+    measured={"K": 0.05}, linear=True, crossover=CROSSOVER, entry="first_order:weighed"
+)
 gauged = described(
     measured={"K": 0.05},
     linear=True,

@@ -1,7 +1,8 @@
 """Every family of plants, and what the tests share of each."""
 
 import pytest
-from families import FAMILIES, tested, trained
+from families import FAMILIES, trained
+from families import tested as recordings
 
 
 @pytest.fixture(scope="session", params=FAMILIES)
@@ -22,4 +23,4 @@ def tuner(family):
 @pytest.fixture(scope="session")
 def episodes(family):
     """Recordings of the test set, with the truth."""
-    return tested(family)
+    return recordings(family)
