@@ -110,6 +110,10 @@ def _black_box(name: str, value: Any) -> Any:
     return None if value is None else _pair(name, value, "(20, 12.0)", validation.count, pole)
 
 
+def _interval_or_none(name: str, value: Any) -> Any:
+    return None if value is None else validation.interval(name, value)
+
+
 def _metric(name: str, value: Any) -> Metric:
     if isinstance(value, Metric):
         return value
@@ -158,13 +162,7 @@ def _check_names(plant: Mapping[str, Any]) -> None:
     })  # fmt: skip
 
 
-def _command_limits(name: str, value: Any) -> tuple[float, float] | None:
-    return None if value is None else validation.interval(name, value)
-
-
-_OPTIONAL = (
-    "evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks",
-)  # fmt: skip
+_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks")
 
 _SETTINGS: dict[str, Check] = {
     "prior": _prior,
@@ -189,10 +187,10 @@ _SETTINGS: dict[str, Check] = {
     "entry": partial(
         validation.instance, kind=str, remedy='Give a text, as in "my_plant:plant".'
     ),
-    "arguments": partial(_mapping, check=lambda name, value: value),
-    "cautions": partial(_mapping, check=validation.text),
+    **dict.fromkeys(("messages", "cautions"), partial(_mapping, check=validation.text)),
+    **dict.fromkeys(("arguments", "synonyms"), partial(_mapping, check=lambda name, value: value)),
     "black_box": _black_box,
-    "command_limits": _command_limits,
+    "command_limits": _interval_or_none,
 }  # fmt: skip
 
 _OF_PARAMETERS: dict[str, Check] = {

@@ -56,7 +56,7 @@ class Plant:
     """A family of plants, the experiment on them, and the design rule that knows their gains.
 
     Each function is called once when a plant is described, with the parameters in the middle
-    of the prior; what is wrong raises ``ValueError``.
+    of the prior; a bad setting or answer raises ``ValueError``.
 
     Attributes
     ----------

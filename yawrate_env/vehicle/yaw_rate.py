@@ -23,9 +23,9 @@ from yawrate_env.plant.plant import Out, Plant, Range, snr
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.vehicle.actuator import actuated
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond
-from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
+from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE
 from yawrate_env.vehicle.sensitivity import LogSensitivity
-from yawrate_env.vehicle.single_track import LARGEST, Context
+from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.twin import LinearTwin
 
@@ -280,7 +280,7 @@ class Vehicles:
         """
         prior = self.task.prior
         lightest, heaviest = (mass - self.task.vehicle.M_0 for mass in _MASS)
-        limits = {"M_delta": (lightest, heaviest), "v_x": (_SLOWEST, LARGEST["v_x"])}
+        limits = {"M_delta": (lightest, heaviest), "v_x": (_SLOWEST, LARGEST_SPEED)}
         if self.linear:
             limits["mu_s"] = _FRICTION
         else:
