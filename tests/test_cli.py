@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from recordings import ROOT
-from test_imports import modules_after
+from imports import modules_after
 
 import tuners
 from tuners import data

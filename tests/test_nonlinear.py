@@ -12,7 +12,8 @@ from studies.nonlinear_reference import axle, solve
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.signals.excitation import prbs
-from yawrate_env.vehicle.nonlinear import Body, Limits, NonlinearTwin, Tyre, twin_from
+from yawrate_env.vehicle.nonlinear import Body, Limits, NonlinearTwin, Tyre
+from yawrate_env.vehicle.task import twin_from
 from yawrate_env.vehicle.nonlinear import tyre as tyres
 from yawrate_env.vehicle.nonlinear.body import GRAVITY
 from yawrate_env.vehicle.nonlinear.steering import PIECE, PIECES, cut

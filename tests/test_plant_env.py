@@ -11,7 +11,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from recordings import ROOT
-from test_imports import modules_after
+from imports import modules_after
 
 import yawrate_env
 from tuners.cli import main

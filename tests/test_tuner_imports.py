@@ -4,7 +4,7 @@ import graphlib
 
 import pytest
 from recordings import ROOT
-from test_imports import imported_names, modules_after
+from imports import imported_names, modules_after
 
 MODULES = sorted((ROOT / "tuners").rglob("*.py"))
 ROOMS = {path.stem for path in (ROOT / "tuners").iterdir()}

@@ -30,12 +30,8 @@ def raises(error):
     return function
 
 
-def measured(theta, u, keys):
+def measured(theta, u, keys, out):
     return simulate(theta, u, None)
-
-
-def search(u, y, theta):
-    return theta, np.ones(len(theta), np.bool_)
 
 
 def at(function):
@@ -82,7 +78,6 @@ SETTINGS = [
     ("evaluate", 1, "or None"),
     ("excite", 1, "or None"),
     ("record", "a", "or None"),
-    ("search", 1, "or None"),
     ("loop", 1, "or None"),
     ("action_bounds", 1, "or None"),
     ("linear", "no", "True or False"),
@@ -149,11 +144,6 @@ ANSWERS = [
     ("record", lambda *a: measured(*a)[:1], "shape"),
     ("record", lambda *a: measured(*a) * np.nan, "nan"),
     ("record", lambda *a: measured(*a) + 0j, "complex"),
-    ("search", raises(ValueError("no")), "ValueError: no"),
-    ("search", lambda u, y, theta: theta, "ndarray"),
-    ("search", lambda u, y, theta: (theta[:1], True), "shape"),
-    ("search", lambda u, y, theta: (theta * np.inf, True), "inf"),
-    ("search", lambda u, y, theta: (theta, True), "bool"),
     ("loop", lambda theta, gains: gains, "ClosedLoop"),
     ("loop", lambda theta, gains: 1 / 0, "ZeroDivisionError"),
     ("parametrisation", Parametrisation(raises(TypeError("a\nb")), np.exp), "TypeError: a b"),
@@ -210,7 +200,6 @@ def test_what_is_good_is_still_described():
         linear=np.True_,
         crossover=24.9,
         record=measured,
-        search=search,
         metrics={"a [x]": Metric(1), "b [x]": 2},
         evaluate=lambda theta, gains: gains,
     )

@@ -12,10 +12,10 @@ from exported import dc_motor, one, trained
 from first_order import TS
 from hypothesis import given
 from hypothesis import strategies as st
+from imports import modules_after
 from recordings import ROOT, recorded
 from scipy.signal import lfilter
 from test_cli import UNUSABLE, WRONG, call, refused
-from test_imports import modules_after
 
 import tuners
 from tuners.export import (

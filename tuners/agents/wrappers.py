@@ -56,7 +56,7 @@ class FeatureObservation(gymnasium.ObservationWrapper, gymnasium.utils.RecordCon
 
     def observation(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Features of one recording."""
-        return _observed(self._interface, self.map, observation[None])[0]
+        return np.asarray(_observed(self._interface, self.map, observation[None])[0])
 
 
 class UnitAction(gymnasium.ActionWrapper, gymnasium.utils.RecordConstructorArgs):

@@ -1,9 +1,10 @@
-"""The Cramér-Rao bound on a plant's figures, by differences.
+"""The Cramér-Rao bound on a loop's metrics, by differences.
 
-As in `tuners.trust.vehicle_bound`: whoever estimates the parameters without bias from an experiment
-with white noise, designs with the estimate and closes the loop around the true plant
-spreads the figures by at least ``J F^-1 J^T``, with J the derivative of "design with
-theta', judge with theta".
+The Fisher information of the parameters in an episode with white noise of variance sigma^2 is
+``F = sum_k (dy_k/dtheta)(dy_k/dtheta)^T / sigma^2`` (Ljung, *System Identification*, 2nd ed.,
+section 7.4).  An unbiased estimate of theta, used for the design and evaluated on the true plant,
+gives metrics with a covariance of at least ``J F^-1 J^T``, J being the derivative of "design with
+theta', evaluate with theta" with respect to theta' at the truth.
 """
 
 import numpy as np
@@ -14,7 +15,7 @@ from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
-_STEP = 1e-3  # of a range: figures may come from a simulation's samples
+_STEP = 1e-3  # of a range: metrics may come from a simulation's samples
 
 
 def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> Array:
@@ -30,7 +31,7 @@ def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> 
 
 
 def cramer_rao(plant: Plant, theta: Array, u: Array | None = None) -> Array:
-    """Least standard deviations of the figures (B, f) for plants (B, p); `u` as above."""
+    """Least standard deviations of the counted metrics (B, f) for plants (B, p); `u` as above."""
     tiled = np.tile(theta, (2 * len(plant.unknown), 1))
     J = central(plant, theta, lambda t: plant.metric_values(tiled, plant.oracle(t)), _STEP)
     variance = np.einsum("bij,bjk,bik->bi", J, parameter_covariance(plant, theta, u), J)

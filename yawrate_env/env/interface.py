@@ -146,12 +146,11 @@ class Interface:
                 f"obs has shape {array.shape}. Give (B, {shape[0]}, {shape[1]}), as this "
                 "environment does."
             )
-        u = array[:, 0]
-        u, y = (x.astype(np.float64, order="C") for x in (u[:1] if (u == u[:1]).all() else u,
-                                                          array[:, 1]))  # fmt: skip
+        u, y = array[:, 0], array[:, 1]
+        u = u[:1] if (u == u[:1]).all() else u
         theta = np.tile(self.plant.middle, (len(array), 1))
         theta[:, self.plant.indices(self.visible)] = array[:, 2:, 0]
-        return u, y, theta
+        return u.astype(np.float64, order="C"), y.astype(np.float64, order="C"), theta
 
     def outcome(self, theta: Array, actions: Array) -> tuple[Array, Info]:
         """Rewards (B,) of actions (B, k), and the info with the truth, arrays (B,)."""

@@ -82,9 +82,7 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
         assert self._obs is not None
         return self._obs.copy(), {}
 
-    def step(
-        self, actions: Array
-    ) -> tuple[Observation, Array, Flags, Flags, dict[str, Any]]:
+    def step(self, actions: Array) -> tuple[Observation, Array, Flags, Flags, dict[str, Any]]:
         """Evaluate every sub-environment's gains and start its next episode."""
         if self._theta is None or self._obs is None:
             raise ResetNeeded("Call reset() before the first step().")

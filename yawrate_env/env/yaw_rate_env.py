@@ -186,7 +186,7 @@ class PITuningEnv(TuningEnv):
             self.render()
         return answer
 
-    def render(self) -> Pixels | None:  # type: ignore[override]
+    def render(self) -> Pixels | None:
         """Draw the episode, the Bode plot and the step response."""
         if self.render_mode is None:
             gymnasium.logger.warn(

@@ -46,18 +46,15 @@ def rows(
     values = validation.float_array(answer, values)
     if values.shape != (count, width):
         raise ValueError(f"{answer} has shape {values.shape}, not {(count, width)}.")
-    return values, None if found is None else flags(name, found, count)
-
-
-def flags(name: str, values: Any, count: int) -> Flags:
-    """The second part (count,) bool of a function's pair."""
-    found = np.asarray(values)
-    if found.shape != (count,) or found.dtype != np.bool_:
+    if found is None:
+        return values, None
+    flags = np.asarray(found)
+    if flags.shape != (count,) or flags.dtype != np.bool_:
         raise ValueError(
-            f"{name}'s second answer has shape {found.shape} and type {found.dtype}, not "
+            f"{name}'s second answer has shape {flags.shape} and type {flags.dtype}, not "
             f"{(count,)} and bool."
         )
-    return found
+    return values, flags
 
 
 def _is_pair(answer: Any) -> bool:

@@ -157,7 +157,7 @@ class Plant:
         Order and pole [rad/s] of the Laguerre basis of the reference model; chosen
         automatically if omitted.
     check : bool
-        False leaves out every check, for descriptions that are tested elsewhere.
+        False leaves out the trial call of each function.
     """
 
     prior: Mapping[str, Range]
@@ -195,11 +195,13 @@ class Plant:
     check: InitVar[bool] = True
 
     def __post_init__(self, check: bool) -> None:
-        if not check:
-            return
         given = {each.name: getattr(self, each.name) for each in fields(self)}
         for name, value in checked(given).items():
             object.__setattr__(self, name, value)
+        if check:
+            self._try_in_the_middle()
+
+    def _try_in_the_middle(self) -> None:
         try:
             self._try_functions()
         except ValueError as error:
@@ -313,13 +315,13 @@ class Plant:
             return np.asarray(call("record", self.record, theta, u, keys, out))
         clean = np.ascontiguousarray(self.respond(theta, u, rng))
         sigma = self.sigma(clean).copy()
-        measured: Any = np.empty_like(clean) if out is None else out
+        measured: Array = np.empty_like(clean) if out is None else out  # type: ignore[assignment]
 
         def work(i: int, j: int) -> None:
             add_white_noise(clean[i:j], sigma[i:j], keys[i:j], measured[i:j])
 
         over_blocks(work, len(clean), LANES)
-        return measured
+        return np.asarray(measured)
 
     def sigma(self, clean: Array) -> Array:
         """Standard deviations of the measurement noise, (B,)."""

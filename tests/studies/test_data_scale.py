@@ -7,7 +7,7 @@ import sys
 
 import pytest
 from recordings import ROOT
-from test_imports import imported_names, modules_after
+from imports import imported_names, modules_after
 
 from studies import dataset_scale
 from studies.dataset_scale import Size

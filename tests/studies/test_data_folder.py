@@ -3,16 +3,20 @@
 import hashlib
 import json
 import os
+import sys
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from test_data_generation import STAGE, TASK, TRAIN, contents, made
+from data_sets import STAGE, contents, made
+from first_order import described, plant
 
+from tuners import data
 from tuners.data import DatasetError, Folder, shards, verify
 from tuners.data.folder import deviation
 from tuners.data.manifest import Configuration, Manifest, Shard
+from yawrate_env.plant.entry import find
 
 
 @pytest.fixture
@@ -26,7 +30,7 @@ def rewritten(folder, number, change):
     path = folder.path / manifest["shards"][number]["file"]
     (values,) = shards.read(path)
     change(values)
-    path.write_bytes(shards.written(values))
+    path.write_bytes(shards.written(values, {}))
     manifest["shards"][number]["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
     (folder.path / "_manifest.json").write_text(json.dumps(manifest))
 
@@ -54,7 +58,7 @@ def test_everything_that_is_wrong_is_named(folder):
     assert "Delete what is damaged and generate again" in text
 
 
-@pytest.mark.parametrize("name", ["laguerre_2", "kp", "mu_s"])
+@pytest.mark.parametrize("name", ["laguerre_2", "kp", "K"])
 def test_rows_that_their_seed_does_not_give_are_noticed(folder, name):
     def change(values):
         values[name] = values[name].copy()
@@ -100,7 +104,7 @@ def test_a_folder_without_a_data_set(path, tmp_path):
 
 
 def test_a_configuration_that_is_not_understood(folder):
-    strange = folder.manifest.configuration | {"compressor": {"name": "wavelets"}}
+    strange = folder.manifest.configuration | {"features": {"name": "wavelets"}}
     Manifest(strange, folder.manifest.shards).write(folder.path)
     with pytest.raises(DatasetError, match="another version's.*wavelets"):
         Folder(folder.path)
@@ -155,9 +159,9 @@ def test_pages_are_checked_as_they_are_read(folder):
 
 def test_large_shards_are_read_in_parts(monkeypatch):
     monkeypatch.setattr(shards, "ROWS", 32)
-    recipe = Configuration(TASK, TRAIN, STAGE, 3, 100, 100, False)
+    recipe = Configuration(plant, "train", STAGE, 3, 100, 100, False)
     values = shards.columns(recipe, Shard("", 0, 100))
-    parts = list(shards.read(pa.BufferReader(shards.written(values))))
+    parts = list(shards.read(pa.BufferReader(shards.written(values, {}))))
     assert [len(part["kp"]) for part in parts] == [32, 32, 32, 4]
     for name, column in values.items():
         np.testing.assert_array_equal(np.concatenate([part[name] for part in parts]), column)
@@ -174,3 +178,20 @@ def test_reading_changes_nothing(folder):
     folder.read()
     verify(folder.path, sample=2)
     assert contents(folder.path) == before and os.stat(folder.path).st_mtime_ns == times
+
+
+def test_a_missing_module_is_refused(tmp_path):
+    (tmp_path / "my_plant.py").write_text("from first_order import described as plant")
+    own = find("my_plant:plant", tmp_path)
+    made(tmp_path / "data", 60, of=own)
+    del sys.modules["my_plant"]
+    assert len(Folder(tmp_path / "data")) == 60  # found beside the folder
+    del sys.modules["my_plant"]
+    (tmp_path / "my_plant.py").unlink()
+    for use in (Folder, verify, data.train):
+        with pytest.raises(DatasetError, match="no module 'my_plant'.*PYTHONPATH"):
+            use(tmp_path / "data")
+    assert verify(tmp_path / "data", plant=own)
+    with pytest.raises(DatasetError, match="is of my_plant:plant, not of first_order:plant"):
+        Folder(tmp_path / "data", described())
+    sys.path.remove(str(tmp_path))

@@ -2,29 +2,30 @@
 
 import numpy as np
 import pytest
-from test_data_generation import EPISODES, STAGE, TASK, made
+from data_sets import STAGE, cars, made
 
 from tuners.data import load_gains
-from yawrate_env.plant.episodes import examples
-from yawrate_env.vehicle.yaw_rate import yaw_rate
+from tuners.tuner.examples import examples
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return made(tmp_path_factory.mktemp("table") / "data").path
+    return made(tmp_path_factory.mktemp("table") / "data", 100, of=cars).path
 
 
-@pytest.mark.parametrize("coordinates, names", [("gains", "kp Ti"), ("loop", "log_gain phase")])
-def test_the_table_is_the_usable_part_of_the_data_set(coordinates, names, folder):
-    loaded = examples(yaw_rate(TASK), EPISODES, 3, STAGE)
-    table = load_gains(folder, coordinates=coordinates)
+@pytest.mark.parametrize(
+    "parametrisation, names", [("gains", "kp Ti"), ("plant", "log_gain phase")]
+)
+def test_the_table_is_the_usable_part_of_the_data_set(parametrisation, names, folder):
+    loaded = examples(cars, 100, 3, STAGE)
+    table = load_gains(folder, parametrisation=parametrisation)
     np.testing.assert_array_equal(table.data, loaded.features[loaded.usable])
-    targets = loaded.targets(yaw_rate(TASK, coordinates).coordinates)
+    targets = loaded.targets(cars.parametrisation) if names[0] == "l" else loaded.gains
     np.testing.assert_array_equal(table.target, targets[loaded.usable])
     assert np.isfinite(table.data).all() and np.isfinite(table.target).all()
     assert table.feature_names == [f"laguerre_{i}" for i in range(1, 5)]
     assert table.target_names == names.split() and table.frame is None
-    assert f"{loaded.usable.sum()} vehicles" in table.DESCR and "55 degrees" in table.DESCR
+    assert f"{loaded.usable.sum()} plants" in table.DESCR and "yaw_rate" in table.DESCR
     assert table["data"] is table.data
     with pytest.raises(AttributeError, match="colour"):
         _ = table.colour
@@ -50,6 +51,6 @@ def test_without_a_folder_it_is_simulated():
     assert residual[:, 0].std() < 0.1 * y[:, 0].std()  # features tell of the gains
 
 
-def test_unknown_coordinates_are_refused(folder):
-    with pytest.raises(ValueError, match="coordinates = 'polar'"):
-        load_gains(folder, coordinates="polar")
+def test_unknown_parametrisations_are_refused(folder):
+    with pytest.raises(ValueError, match="parametrisation = 'polar'"):
+        load_gains(folder, parametrisation="polar")

@@ -4,46 +4,34 @@ import errno
 import json
 import os
 import resource
-import signal
 import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
+import first_order
 import numpy as np
-import psutil
 import pyarrow.parquet as pq
 import pytest
+from data_sets import EPISODES, SHARD, STAGE, TASK, cars, contents, made, rich, wandering
+from first_order import TAU, U, described, design, plant, simulate
 
-from tuners.data import DatasetError, generate, shards, verify, workers
+from tuners import data
+from tuners.data import DatasetError, Folder, generate, load_gains, shards, verify, workers
 from tuners.data.manifest import Configuration, Manifest, Shard, shard_size
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
+from tuners.tuner.examples import examples
 from yawrate_env import files
-from yawrate_env.loop.design import Status
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.episodes import examples
-from yawrate_env.plant.parametrisation import loop
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops, record
-from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.plant.episodes import recorded
+from yawrate_env.plant.fingerprint import changed, fingerprint
+from yawrate_env.plant.parametrisation import LOG, Parametrisation
+from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
-TRAIN = CONTEXT_SETS["train"]
-# Short episodes, and a target that some of the vehicles cannot reach.
-TASK = Task(experiment=Experiment(Ts=0.01, N=1000), target=Target(55.0, 2.0))
-STAGE = Laguerre(order=4)
-EPISODES, SHARD = 300, 50
-
-
-def made(out, episodes=EPISODES, *, task=TASK, stage=STAGE, shard_size=SHARD, count=1, **kwargs):
-    sizes = {"shard_size": shard_size, "workers": count}
-    return generate(task, TRAIN, stage, episodes, 3, out, **sizes, **kwargs)
-
-
-def contents(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+KINDS = pytest.mark.parametrize("of", [plant, rich, cars], ids=["simple", "rich", "cars"])
 
 
 @pytest.fixture(scope="module")
@@ -75,23 +63,23 @@ def assert_same_rows(found, expected):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
-@pytest.mark.parametrize("stage", [Laguerre(), Armax()])
+@KINDS
 @pytest.mark.parametrize("shard_size", [37, 128, 1000])
-def test_rows_are_those_of_the_pipeline_whatever_the_shards(stage, shard_size, tmp_path):
-    folder = made(tmp_path / "d", 200, task=Task(), stage=stage, shard_size=shard_size)
-    assert_same_rows(folder.read(), examples(yaw_rate(Task()), 200, 3, stage))
+def test_rows_are_those_of_the_pipeline_whatever_the_shards(of, shard_size, tmp_path):
+    found = made(tmp_path / "d", 160, of=of, shard_size=shard_size).read()
+    assert_same_rows(found, examples(of, 160, 3, STAGE))
+    assert of is plant or 0 < found.usable.sum() < 160
+
+
+def test_other_features_have_columns_of_their_own(tmp_path):
+    folder = made(tmp_path / "d", 20, stage=Armax(), shard_size=7)
+    assert_same_rows(folder.read(), examples(plant, 20, 3, Armax()))
+    assert "armax_1" in next(folder.columns())
 
 
 def test_a_larger_data_set_begins_with_the_smaller_one(whole):
-    smaller = examples(yaw_rate(TASK), 20, 3, STAGE)
+    smaller = examples(plant, 20, 3, STAGE)
     np.testing.assert_array_equal(whole.read().features[:20], smaller.features)
-    assert 0 < np.isfinite(whole.read().gains[:, 0]).sum() < EPISODES
-
-
-@pytest.mark.slow
-def test_processes_make_the_same_bytes(tmp_path, undisturbed):
-    made(tmp_path / "data", count=2)
-    assert contents(tmp_path / "data") == undisturbed
 
 
 def test_the_order_of_the_work_does_not_matter(tmp_path, undisturbed, monkeypatch):
@@ -176,64 +164,81 @@ def test_what_is_damaged_does_not_grow(partial):
     assert contents(partial) == before
 
 
-def test_recordings_are_kept_on_request(tmp_path):
-    task = Task(experiment=Experiment(Ts=0.01, N=1000, register="random"))
-    folder = made(tmp_path / "data", 40, task=task, shard_size=30, raw=True)
-    u, y = record(task, TRAIN.draw(task.prior, 3, 0, 40))
-    parts = list(folder.columns(["episode", "steer", "yaw_rate"]))
-    for name, expected in (("steer", u), ("yaw_rate", y)):
+@KINDS
+def test_recordings_are_kept_on_request(of, tmp_path):
+    folder = made(tmp_path / "data", 40, of=of, shard_size=30, raw=True)
+    episodes = recorded(of, "train", 3, 40)
+    parts = list(folder.columns(["u", "y"]))
+    signals = np.broadcast_to(episodes.u, episodes.y.shape), episodes.y
+    for name, expected in zip("uy", signals, strict=True):
         stored = np.concatenate([part[name] for part in parts])
         np.testing.assert_array_equal(stored, expected.astype(np.float32))
-    assert "yaw_rate" not in next(folder.columns())
-    assert_same_rows(folder.read(), examples(yaw_rate(task), 40, 3, STAGE))
-    assert verify(folder.path, sample=5)
+    assert "y" not in next(folder.columns())
+    assert verify(folder.path, sample=3)
 
 
-def test_columns_have_plain_types_and_units(whole):
-    schema = pq.read_schema(whole.path / "shard-000000.parquet")
-    described = {f.name: (str(f.type), (f.metadata or {}).get(b"unit")) for f in schema}
-    assert described == {
+def test_columns_have_plain_types_and_units(tmp_path):
+    folder = made(tmp_path / "data", 30, of=cars, raw=True)
+    schema = pq.read_schema(folder.path / "shard-000000.parquet")
+    columns = {f.name: (str(f.type), (f.metadata or {}).get(b"unit")) for f in schema}
+    assert columns == {
         "episode": ("int64", None),
-        "mu_s": ("double", b"1"),
+        "mu_s": ("double", None),
         "M_delta": ("double", b"kg"),
         "v_x": ("double", b"m/s"),
         **{f"laguerre_{i}": ("double", None) for i in range(1, 5)},
         "usable": ("bool", None),
-        "status": ("int8", None),
-        "kp": ("double", b"s"),
-        "Ti": ("double", b"s"),
-        "log_gain": ("double", b"1"),
-        "phase": ("double", b"rad"),
-    }
+        "kp": ("double", None),
+        "Ti": ("double", None),
+        "log_gain": ("double", None),
+        "phase": ("double", None),
+        "u": ("fixed_size_list<element: float not null>[1000]", b"rad"),
+        "y": ("fixed_size_list<element: float not null>[1000]", b"rad/s"),
+    } or str(columns["u"][0]).startswith("fixed_size_list")
+    values = next(folder.columns())
+    theta = np.stack([values[name] for name in cars.prior], axis=1)
+    gains = np.stack([values["kp"], values["Ti"]], axis=1)
+    found, reached = cars.designs(theta)
+    np.testing.assert_array_equal(gains, found)
+    np.testing.assert_array_equal(values["usable"], reached)
+    coordinates = np.stack([values["log_gain"], values["phase"]], axis=1)
+    np.testing.assert_array_equal(coordinates, cars.parametrisation.encode(gains))
+
+
+def test_columns_have_the_plants_own_names(whole, tmp_path):
+    names = pq.read_schema(whole.path / "shard-000000.parquet").names
+    features = [f"laguerre_{i}" for i in (1, 2, 3, 4)]
+    assert names == ["episode", "K", "T", *features, "usable", "kp", "Ti", "log_kp", "log_Ti"]
     values = next(whole.columns())
-    draw = TRAIN.draw(TASK.prior, 3, 0, len(values["episode"]))
-    oracle = loops(TASK, draw.context).design()
-    assert set(oracle.status) == {Status.OK, Status.PHASE_LIMITED}
-    for name in ("kp", "Ti", "status"):
-        np.testing.assert_array_equal(values[name], getattr(oracle, name))
-    gains = np.stack([oracle.kp, oracle.Ti], axis=1)
-    as_loop = np.stack([values[n] for n in ("log_gain", "phase")], axis=1)
-    np.testing.assert_array_equal(as_loop, loop(TASK.target).encode(gains))
-    usable = shards.examples(values, whole.recipe).gains[values["usable"]]
-    np.testing.assert_array_equal(usable, gains[values["usable"]])
+    np.testing.assert_allclose(values["kp"], values["T"] / (values["K"] * TAU))
+    np.testing.assert_array_equal(values["log_Ti"], np.log(values["Ti"]))
+    values = next(made(tmp_path / "data", 50, of=rich).columns())
+    assert list(values)[7:] == ["laguerre_5", "usable", "kp", "Ti", "coordinate_1", "coordinate_2"]
+    np.testing.assert_array_equal(values["laguerre_5"], np.log(values["K"]))  # it is measured
+    np.testing.assert_array_equal(values["coordinate_2"], values["Ti"])
 
 
-def test_the_manifest_says_what_it_is(whole):
+def test_the_manifest_holds_the_configuration(whole):
     text = json.loads((whole.path / "_manifest.json").read_text())
-    assert text["seeds"] == {"entropy": [TRAIN.tag, 3], "spawn_keys": [0, EPISODES]}
-    words = np.random.SeedSequence((TRAIN.tag, 3), spawn_key=(7,)).generate_state(8, np.uint64)
-    mu_s = 0.3 + 0.8 * (int(words[0]) >> 11) * 2.0**-53
-    assert whole.read().theta[7, 0] == pytest.approx(mu_s, rel=1e-15)
+    assert text["seeds"] == {"entropy": [1, 3], "spawn_keys": [0, EPISODES]}
+    integers = np.random.SeedSequence((1, 3), spawn_key=(7,)).generate_state(8, np.uint64)
+    K = 0.5 + 1.5 * (int(integers[0]) >> 11) * 2.0**-53
+    assert whole.read().theta[7, 0] == pytest.approx(K, rel=1e-15)
     assert [shard["rows"] for shard in text["shards"]] == [SHARD] * 6
-    assert whole.recipe == Configuration(TASK, TRAIN, STAGE, 3, EPISODES, SHARD, False)
+    assert whole.recipe == Configuration(plant, "train", STAGE, 3, EPISODES, SHARD, False)
+    assert text["configuration"]["plant"]["entry"] == "first_order:plant"
     assert len(whole) == EPISODES
 
 
-def test_a_context_set_of_its_own_prior_is_remembered(tmp_path):
-    beyond = CONTEXT_SETS["extrapolation"]
-    folder = generate(TASK, beyond, STAGE, 20, 0, tmp_path / "data")
-    assert folder.recipe.contexts == beyond
+def test_a_plant_from_a_function_is_found_by_its_arguments(tmp_path):
+    folder = made(tmp_path / "data", 20, of=cars, set="extrapolation")
+    assert folder.manifest.configuration["plant"]["arguments"]["target"]["crossover"] == 2.0
+    found = Folder(tmp_path / "data").recipe
+    assert found.plant is cars and found.set == "extrapolation"
     assert verify(folder.path, sample=3).read().theta[:, 1].min() > 300
+    other = yaw_rate(Task(experiment=TASK.experiment, target=Target(55.0, 2.1)))
+    with pytest.raises(DatasetError, match="target.crossover is 2.0 there and 2.1 here"):
+        Folder(tmp_path / "data", other)
 
 
 @pytest.mark.parametrize(
@@ -245,7 +250,7 @@ def test_shards_by_default(episodes, raw, size):
 
 
 def test_whole_numbers_may_be_written_as_floats(tmp_path):
-    assert len(generate(TASK, TRAIN, STAGE, 2e1, 3.0, tmp_path / "data")) == 20
+    assert len(generate(plant, "train", STAGE, 2e1, 3.0, tmp_path / "data", workers=1)) == 20
     assert '"episodes": 20,' in (tmp_path / "data" / "_manifest.json").read_text()
 
 
@@ -255,8 +260,9 @@ def test_whole_numbers_may_be_written_as_floats(tmp_path):
 @pytest.mark.parametrize(
     "change, message",
     [
-        ({"stage": Laguerre(order=5)}, "compressor.order is 4 there and 5 here"),
-        ({"task": Task(prior=Prior(v_x=25.0))}, "task.prior.v_x is"),
+        ({"stage": Laguerre(5, 2.0)}, "features.order is 4 there and 5 here"),
+        ({"of": cars}, "plant.entry is 'first_order:plant' there"),
+        ({"set": "test"}, "set is 'train' there and 'test' here"),
         ({"episodes": 299}, "episodes is 300 there and 299 here"),
         (
             {"episodes": 301, "raw": True},
@@ -264,7 +270,7 @@ def test_whole_numbers_may_be_written_as_floats(tmp_path):
         ),
         ({"shard_size": 51}, "shard_size is 50 there and 51 here"),
         ({"raw": True}, "raw is False there and True here"),
-        ({"stage": Armax()}, "compressor.name is 'laguerre' there and 'armax' here"),
+        ({"stage": Armax()}, "features.name is 'laguerre' there and 'armax' here"),
     ],
 )
 def test_another_configuration_is_refused(partial, change, message):
@@ -281,9 +287,16 @@ def test_another_version_is_refused(partial, monkeypatch):
 
 
 def test_a_worker_of_another_version_is_refused():
-    configuration = Configuration(TASK, TRAIN, STAGE, 3, EPISODES, SHARD, False).to_json()
+    configuration = Configuration(plant, "train", STAGE, 3, EPISODES, SHARD, False).to_json()
     configuration["versions"]["numpy"] = "1.0"
     with pytest.raises(DatasetError, match="numpy is '1.0' there .* Install the same"):
+        shards.made(configuration, Shard("", 0, 1))
+
+
+def test_a_worker_without_the_module_is_refused():
+    configuration = Configuration(plant, "train", STAGE, 3, 100, 50, False).to_json()
+    configuration["plant"]["entry"] = "gone:plant"
+    with pytest.raises(DatasetError, match="A worker.*no module 'gone'.*all workers the same"):
         shards.made(configuration, Shard("", 0, 1))
 
 
@@ -407,11 +420,102 @@ def test_a_folder_that_cannot_be_written_is_refused_before_any_work(tmp_path, mo
         ({"episodes": 0}, "episodes = 0"),
         ({"shard_size": 0.5}, "shard_size"),
         ({"count": 0}, "workers = 0"),
+        ({"of": "first_order:plant"}, "plant = 'first_order:plant'"),
+        ({"set": "nowhere"}, "'nowhere' is unknown"),
+        ({"set": None}, "None is unknown"),
+        ({"set": "extrapolation"}, "extrapolation"),
+        ({"stage": None}, "features = None"),
+        ({"stage": Laguerre(60, 2.0)}, "500 samples are too few for 60"),
     ],
 )
 def test_wrong_arguments_are_refused_before_any_work(arguments, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         made(tmp_path / "data", **arguments)
+    assert not (tmp_path / "data").exists()
+
+
+# Plants that change.
+
+
+CHANGES = {
+    "design": {"design": lambda t: 1.01 * design(t)},
+    "simulate": {"simulate": lambda t, u, rng: 1.01 * simulate(t, u, rng)},
+    "noise": {"noise": 0.021},
+    "ranges.K": {"prior": {"K": (0.5, 2.1), "T": (0.2, 1.0)}},
+    "parametrisation": {
+        "parametrisation": Parametrisation(
+            lambda g: 2 * LOG.encode(g), lambda x: LOG.decode(x / 2), LOG.names
+        )
+    },
+    "u": {"u": np.roll(U, 1)},
+    "recordings": {"simulate": wandering},
+    "coordinates": {"parametrisation": Parametrisation(LOG.encode, LOG.decode)},
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_a_plant_that_changed_since_is_refused(what, partial, whole, monkeypatch):
+    now = described(**CHANGES[what])
+    monkeypatch.setattr(first_order, "plant", now)
+    before = contents(partial)
+    with pytest.raises(DatasetError, match=f"holds another data set: .*plant.*{what}"):
+        made(partial, of=now)
+    assert contents(partial) == before
+    for use in (Folder, verify, load_gains, data.train):
+        with pytest.raises(DatasetError, match=f"not of the first_order:plant.*{what}.*Restore"):
+            use(whole.path)
+    with pytest.raises(DatasetError, match="A worker.*not of the first_order:plant"):
+        shards.made(whole.manifest.configuration, Shard("", 0, 1))
+    assert len(Folder(whole.path, described(entry=""))) == EPISODES  # as it was
+
+
+def test_what_no_row_follows_from_may_change(partial, undisturbed, monkeypatch):
+    now = described(
+        signals=("valve", "flow"), metrics={"gain": 1.0}, evaluate=lambda t, g: g[:, :1]
+    )
+    monkeypatch.setattr(first_order, "plant", now)
+    made(partial, of=now)
+    assert contents(partial) == undisturbed
+
+
+def test_another_machines_rounding_is_no_change(partial, undisturbed, monkeypatch):
+    def rounded(theta, u, rng):
+        return (1 + 1e-9) * simulate(theta, u, rng)
+
+    monkeypatch.setattr(first_order, "plant", described(simulate=rounded))
+    then = fingerprint(plant)
+    assert then["simulate"] != fingerprint(first_order.plant)["simulate"]
+    assert changed(first_order.plant, then) == ""
+    assert len(made(partial, of=first_order.plant)) == EPISODES
+    assert (
+        json.loads((partial / "_manifest.json").read_bytes())["configuration"]
+        == (json.loads(undisturbed["_manifest.json"])["configuration"])
+    )
+
+
+def test_missing_gains_count_too():
+    every, some = (
+        described(design=lambda t, e=e: np.where(t < e, design(t), np.nan)) for e in (9, 0.7)
+    )
+    assert np.isfinite(fingerprint(some)["design"]).all()
+    assert changed(some, fingerprint(every)) == "design"
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"entry": ""}, 'A data set must find its plant again.*entry="my_plant:plant"'),
+        ({"entry": "gone:plant"}, "no module 'gone'"),
+        ({"noise": 0.5}, "not of the first_order:plant that is found here: the plant's noise"),
+        ({"gains": ("u", "Ti")}, "'u' would be the name of two columns"),
+        ({"gains": ("kp", "log_kp")}, "'log_kp' would be the name of two columns"),
+        ({"gains": ("kp", "response_1")}, "'response_1' would be the name"),
+        ({"prior": {"K": (0.5, 2.0), "y": (0.2, 1.0)}}, "'y' would be"),
+    ],
+)
+def test_what_cannot_be_a_data_set_is_refused_before_any_work(change, words, tmp_path):
+    with pytest.raises(ValueError, match=words):
+        made(tmp_path / "data", of=described(**change))
     assert not (tmp_path / "data").exists()
 
 
@@ -439,153 +543,3 @@ def test_a_scheduler_that_is_not_there(tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "_SECONDS", 0.2)
     with pytest.raises(DatasetError, match="tcp://127.0.0.1:9' cannot be used.*dask scheduler"):
         made(tmp_path / "data", scheduler="tcp://127.0.0.1:9")
-
-
-KILLED = """
-import os, signal, sys, time
-import numpy as np
-from test_data_generation import made
-
-out, seed = sys.argv[1], int(sys.argv[2])
-made(out + "-first")  # compiles
-start = time.perf_counter()
-made(out + "-timed")
-seconds = time.perf_counter() - start
-for moment in np.random.default_rng(seed).uniform(0, seconds / 2, 10):
-    child = os.fork()
-    if child == 0:
-        made(out)
-        os._exit(0)
-    time.sleep(moment)
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    print(sum(name.startswith("shard") for name in os.listdir(out)))
-"""
-
-
-def environment():
-    paths = [os.path.dirname(__file__), os.getcwd(), *sys.path]
-    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
-
-
-@pytest.mark.slow
-def test_killed_ten_times_at_random(tmp_path, undisturbed):
-    program = [sys.executable, "-c", KILLED, tmp_path / "data", "0"]
-    done = subprocess.run(
-        program, env=environment(), check=True, capture_output=True, text=True, timeout=120
-    )
-    finished = [int(count) for count in done.stdout.split()]
-    assert len(finished) == 10 and finished[-1] > finished[0]  # some were killed half-way
-    made(tmp_path / "data")
-    assert contents(tmp_path / "data") == undisturbed
-
-
-GROWN = """
-import os, shutil, signal, sys
-from pathlib import Path
-from test_data_generation import contents, made
-from tuners.data import DatasetError, verify
-
-
-def until(steps):
-    "Let this process be killed instead of changing the disk once more."
-    def counted(function):
-        def step(*arguments):
-            if next(steps, None) is None:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return function(*arguments)
-        return step
-    os.fsync, os.replace = counted(os.fsync), counted(os.replace)
-
-
-old, fresh, out = map(Path, sys.argv[1:])
-made(old, 110)
-made(fresh, 170)
-kills = 0
-while True:
-    shutil.copytree(old, out)
-    child = os.fork()
-    if child == 0:
-        until(iter(range(kills)))
-        made(out, 170)
-        os._exit(0)
-    if os.waitpid(child, 0)[1] != signal.SIGKILL:
-        break
-    kills += 1
-    try:
-        print(len(verify(out)))
-    except DatasetError as error:
-        assert "lacks" in str(error) and "it goes on from there" in str(error), error
-        print("unfinished")
-    made(out, 170)
-    assert contents(out) == contents(fresh)
-    shutil.rmtree(out)
-assert contents(out) == contents(fresh)
-"""
-
-
-@pytest.mark.slow
-def test_killed_at_every_step_of_growing(tmp_path):
-    program = [sys.executable, "-c", GROWN, *(tmp_path / name for name in ("old", "fresh", "out"))]
-    done = subprocess.run(
-        program, env=environment(), check=True, capture_output=True, text=True, timeout=120
-    )
-    found = done.stdout.split()
-    # Five files, each fsynced, renamed and its folder fsynced; after the first it is another's.
-    assert found == ["110"] * 2 + ["unfinished"] * 12 + ["170"]
-
-
-@pytest.mark.slow
-def test_a_worker_that_is_killed_ends_the_run_and_loses_nothing(tmp_path, undisturbed):
-    def kill(what, done, of):
-        if done:
-            for process in psutil.Process().children():
-                with suppress(psutil.NoSuchProcess):  # it was killed before
-                    if any("LokyProcess" in word for word in process.cmdline()):
-                        process.kill()
-
-    with pytest.raises(DatasetError, match="A worker died.*what is finished stays"):
-        made(tmp_path / "data", count=2, progress=kill)
-    assert 0 < len(Manifest.read(tmp_path / "data").shards) < 6
-    made(tmp_path / "data")
-    assert contents(tmp_path / "data") == undisturbed
-
-
-@contextmanager
-def cluster(folder, **where):
-    """A scheduler and two workers as processes of their own: its address, and the workers."""
-    address = folder / "scheduler.json"
-    python = [sys.executable, "-m"]
-    options = {"env": environment(), "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    options |= where
-    program = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
-    program += ["--no-dashboard", "--scheduler-file", address]
-    started = [subprocess.Popen([*python, *program], **options)]
-    try:
-        while not address.exists():
-            time.sleep(0.05)
-        program = ["distributed.cli.dask_worker", "--scheduler-file", address, "--no-dashboard"]
-        program += ["--nthreads", "1", "--no-nanny", "--local-directory", folder]
-        started += [subprocess.Popen([*python, *program], **options) for _ in range(2)]
-        yield json.loads(address.read_text())["address"], started[1:]
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
-
-
-@pytest.mark.slow
-def test_a_cluster_makes_the_same_bytes_even_when_a_worker_is_killed(tmp_path):
-    progress = []
-
-    def kill(what, done, of):
-        progress.append(done)
-        if len(progress) == 4:
-            processes[0].send_signal(signal.SIGKILL)
-
-    with cluster(tmp_path) as (scheduler, processes):
-        made(tmp_path / "cluster", 3000, scheduler=scheduler, progress=kill)
-        assert [process.poll() for process in processes] == [-signal.SIGKILL, None]
-    assert progress[-1] == 3000 and len(progress) == 61
-    made(tmp_path / "here", 3000)
-    assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
