@@ -13,12 +13,11 @@ from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.signals.excitation import prbs
 from yawrate_env.vehicle.nonlinear import Body, Limits, NonlinearTwin, Tyre
-from yawrate_env.vehicle.task import twin_from
 from yawrate_env.vehicle.nonlinear import tyre as tyres
 from yawrate_env.vehicle.nonlinear.body import GRAVITY
 from yawrate_env.vehicle.nonlinear.steering import PIECE, PIECES, cut
 from yawrate_env.vehicle.single_track import Context, Vehicle
-from yawrate_env.vehicle.twin import LinearTwin
+from yawrate_env.vehicle.twin import LinearTwin, twin_from
 
 TWIN = NonlinearTwin()
 CORNERS = Context.of([0.3, 0.3, 1.1, 1.1], [0.0, 300.0, 0.0, 300.0], [20.0, 33.0, 10.0, 33.0])
@@ -203,30 +202,31 @@ def test_a_twin_is_rebuilt_from_its_parameters(twin):
 
 
 def test_numerical_trouble_is_refused_beforehand():
-    with pytest.raises(ValueError, match="steps of integration a sample = .*Shorten the sampling"):
+    with pytest.raises(ValueError, match="steps of integration a sample"):
         driven(TWIN, Context.of(1.0, 0.0, 1e3), command(1.0), vehicle=Vehicle(l_rel_f=5e-4))
-    with pytest.raises(ValueError, match="friction of a wheel that carries its axle = .*M_delta"):
+    with pytest.raises(ValueError, match="M_delta"):
         driven(TWIN, Context.of(0.5, 9000.0, 20.0), command(1.0))
 
 
 @pytest.mark.parametrize(
-    ("parts", "message"),
+    ("part", "setting", "value"),
     [
-        ({"tyre": {"shape": 2.5}}, "tyre shape = 2.5 must be finite, at least 0.001, at most 2"),
-        ({"tyre": {"friction_loss": 1.0}}, "tyre friction_loss = 1 must .* at most 0.99"),
-        (
-            {"body": {"track": 0.0}},
-            "body track = 0 must be finite, at least 0.00155",
-        ),
-        ({"body": {"front_share": 1.2}}, "body front_share = 1.2 must"),
-        ({"body": {"drag": 1e6}}, "body drag = 1e\\+06 must"),
-        ({"limits": {"rate": 1e9}}, "limits rate = 1e\\+09 must .* at most 1000"),
-        ({"limits": {"rate": -1.0}}, "limits rate = -1 must"),
-        ({"limits": {"angle": 35.0}}, "limits angle = 35 must .* Give it in rad"),
-        ({"limits": {"speed": 1.0}}, "limits = {'speed': 1.0}: give any of angle, rate"),
-        ({"tyre": 3.0}, "tyre = 3.0: give any of shape"),
+        ("tyre", "shape", 2.5),
+        ("tyre", "friction_loss", 1.0),
+        ("body", "track", 0.0),
+        ("body", "front_share", 1.2),
+        ("body", "drag", 1e6),
+        ("limits", "rate", 1e9),
+        ("limits", "rate", -1.0),
+        ("limits", "angle", 35.0),
     ],
 )
-def test_bad_parameters_are_refused(parts, message):
-    with pytest.raises(ValueError, match=message):
+def test_bad_parameters_are_refused(part, setting, value):
+    with pytest.raises(ValueError, match=f"{part} {setting} = "):
+        NonlinearTwin.of(**{part: {setting: value}})
+
+
+@pytest.mark.parametrize("parts", [{"limits": {"speed": 1.0}}, {"tyre": 3.0}])
+def test_unknown_parameters_are_refused(parts):
+    with pytest.raises(ValueError, match=next(iter(parts))):
         NonlinearTwin.of(**parts)

@@ -23,7 +23,7 @@ from tuners.features.armax import (
 )
 from yawrate_env.signals.excitation import prbs
 
-REFERENCE = np.load(Path(__file__).parent / "references" / "armax_reference.npz")
+REFERENCE = np.load(Path(__file__).parents[1] / "references" / "armax_reference.npz")
 RATES = {"1khz": 1, "100hz": 10}  # averaged over so many samples
 U = prbs(10_000, 0.001, 0.1, np.radians(1))
 TRUTH = np.array([-1.5, 0.7, 0.05, 0.03, -0.6, 0.25])  # poles 0.75 +- 0.37j, zeros of C 0.3 +- 0.4j

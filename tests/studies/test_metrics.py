@@ -1,4 +1,4 @@
-"""Figures of merit on known examples."""
+"""Statistics on known examples."""
 
 import numpy as np
 import pytest
@@ -32,11 +32,11 @@ def test_interval_of_mean_and_std_of_normal_values(level, quantile):
 def test_interval_covers_as_often_as_it_says():
     rng = np.random.default_rng(1)
     hits = 0
-    for _ in range(300):
+    for _ in range(150):
         low, high = bootstrap_interval(rng.standard_normal(60), np.mean)
         hits += low < 0 < high
-    # Percentile intervals of 60 values cover 94 %; the standard error of 300 trials is 1.4 %.
-    assert 0.90 <= hits / 300 <= 0.98
+    # Percentile intervals of 60 values cover 94 %; the standard error of 150 trials is 2 %.
+    assert 0.88 <= hits / 150 <= 0.99
 
 
 def test_interval_depends_on_its_seed_alone():
@@ -55,3 +55,13 @@ def test_ratio_of_rms_is_that_of_the_two_columns():
     assert ratio_of_rms(pairs, axis=1)[2] == pytest.approx(expected, rel=1e-12)
     low, high = bootstrap_interval(pairs[2], ratio_of_rms)
     assert low < expected < high
+
+
+def test_interval_of_one_value_is_that_value():
+    assert bootstrap_interval(np.array([2.5]), np.mean) == (2.5, 2.5)
+
+
+def test_columns_of_a_row_stay_together():
+    values = np.random.default_rng(4).standard_normal(200)
+    pairs = np.stack([3 * values, values], axis=1)
+    assert bootstrap_interval(pairs, ratio_of_rms) == pytest.approx((3.0, 3.0))
