@@ -8,12 +8,13 @@ import sys
 
 import numpy as np
 import pytest
-from answers import answer, drive
+from answers import answer
 from click.testing import CliRunner
+from drives import drive
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from recordings import ROOT
 from imports import modules_after
+from recordings import ROOT
 
 import tuners
 from tuners import data

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import PAPER, drive
 from click.testing import CliRunner
+from drives import PAPER, drive
 
 import tuners
 from tuners.catalogue import shipped

@@ -6,8 +6,8 @@ import runpy
 import sys
 
 import pytest
-from recordings import ROOT
 from imports import imported_names, modules_after
+from recordings import ROOT
 
 from studies import dataset_scale
 from studies.dataset_scale import Size

@@ -148,7 +148,7 @@ def _command_limits(name: str, value: Any) -> tuple[float, float] | None:
     return None if value is None else validation.interval(name, value)
 
 
-_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop")
+_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks")
 
 _SETTINGS: dict[str, Check] = {
     "prior": _prior,

@@ -4,7 +4,7 @@ Everything is batched, ``(B, ...)``; functions that take one plant at a time are
 loop.  `docs/plants.md` says what each function must do.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, fields
 from typing import Any
 
@@ -120,6 +120,16 @@ class Plant:
     synonyms : dict, optional
         ``input``, ``output`` and names of measured parameters to further column names that logs
         give them.
+    cautions : dict, optional
+        Column names, in lower case letters, that may stand for another quantity than the input,
+        to the sentence that a log with such a column gets.
+    actuator : callable, optional
+        ``actuator(signal, Ts)``: response (N,) of the known actuator in front of the plant to a
+        signal (N,) that is linear between its samples, from steady state.  Logs may then hold
+        the actuator's measured position instead of its command.
+    remarks : callable, optional
+        ``remarks(u, y, measured)``: sentences on what a log's input (N,), output (N,) and
+        measured parameters {name: (N,)} leave out of account.
     messages : dict, optional
         Checks of a recording (`tuners.trust.checks`) to the sentence that is shown where they
         fail, in the terms of this plant.
@@ -150,6 +160,10 @@ class Plant:
     loop : callable, optional
         ``loop(theta, gains)``, of one plant: parameters (p,) and gains (k,) to the `ClosedLoop`
         that reports draw.
+    display : tuple, optional
+        Names of input and output in reports with their units, and factors from the units of
+        `signals` to these: ``(("steering [deg]", 57.3), ("yaw rate [deg/s]", 57.3))``; by
+        default `signals` and 1.
     command_limits : tuple of float, optional
         Least and largest input that the actuator takes, where known: exported controllers
         saturate there.
@@ -180,6 +194,9 @@ class Plant:
     signals: tuple[str, str] = ("u", "y")
     labels: Mapping[str, str] = field(default_factory=dict)
     synonyms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    cautions: Mapping[str, str] = field(default_factory=dict)
+    actuator: Callable[[Array, float], Array] | None = None
+    remarks: Callable[[Array, Array, Mapping[str, Array]], Sequence[str]] | None = None
     messages: Mapping[str, str] = field(default_factory=dict)
     entry: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)
@@ -190,6 +207,7 @@ class Plant:
     search_limits: Mapping[str, Range] = field(default_factory=dict)
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
+    display: tuple[tuple[str, float], tuple[str, float]] | None = None
     command_limits: Range | None = None
     black_box: tuple[int, float] | None = None
     check: InitVar[bool] = True

@@ -4,6 +4,7 @@ Parameters are ``(mu_s, M_delta, v_x)``: friction and extra mass are unknown, th
 measured with every recording.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -20,6 +21,7 @@ from yawrate_env.plant.parametrisation import loop
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE, PILoop
 from yawrate_env.plant.plant import Out, Plant, Range, snr
 from yawrate_env.plant.responses import ClosedLoop
+from yawrate_env.vehicle.actuator import actuated
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond
 from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
 from yawrate_env.vehicle.sensitivity import LogSensitivity
@@ -41,6 +43,30 @@ METRICS = {
     "crossover [Hz]": Metric(CROSSOVER_SCALE, error=0.075, spread=0.025),
     "gain_margin [dB]": Metric(np.inf),
 }
+
+HAND_WHEEL = ("handwheelangle", "steeringwheelangle", "swa", "lenkwinkel")
+"""Column names of angles before the steering gear."""
+
+SYNONYMS = {
+    "input": (
+        "steer", "steering", "steercmd", "steeringcmd", "steercommand", "command", "cmd", "u",
+        "delta", "deltaf", "deltacmd", "deltafcmd", "steerangle", "steeringangle",
+        "roadwheelangle", "rwa", *HAND_WHEEL,
+    ),
+    "output": (
+        "yaw", "r", "y", "yawvelocity", "yawspeed", "gyroz", "wz", "omegaz", "psidot",
+        "gierrate", "yawratemeas", "measuredyawrate",
+    ),
+    "v_x": (
+        "v", "velocity", "vehiclespeed", "carspeed", "egospeed", "geschwindigkeit",
+    ),
+}  # fmt: skip
+"""Names of columns in logs, the first preferred."""
+
+CAUTIONS = dict.fromkeys(
+    HAND_WHEEL,
+    "sounds like the hand wheel, and no --steer-ratio is given: it is taken as the road wheel.",
+)
 
 LABELS = {"mu_s": "friction", "M_delta": "extra mass [kg]", "v_x": "speed [m/s]"}
 
@@ -70,8 +96,11 @@ COMMAND_LIMITS = (float(np.radians(-30.0)), float(np.radians(30.0)))
 """Road-wheel angle of exported controllers [rad]."""
 
 IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
-"""What pictures show."""
+_DEGREE = float(np.degrees(1.0))
+DISPLAY = (IN_DEGREES[0], _DEGREE), (IN_DEGREES[1], _DEGREE)
+"""Input and output in pictures and reports."""
 
+_LINEAR = 4.0  # m/s^2 of lateral acceleration, beyond which tyres saturate on dry asphalt
 _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
 _SLOWEST = 0.1  # m/s: at rest the single-track vehicle has no steady answer
 
@@ -124,6 +153,10 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         plausible=(LARGEST_ANGLE, LARGEST_YAW_RATE),
         signals=("steering command [rad]", "yaw rate [rad/s]"),
         labels=LABELS,
+        synonyms=SYNONYMS,
+        cautions=CAUTIONS,
+        actuator=vehicles.actuator,
+        remarks=remarks,
         messages=MESSAGES,
         record=vehicles.record,
         sensitivity=vehicles.sensitivity if vehicles.linear else None,
@@ -131,6 +164,7 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         search_limits=vehicles.limits(),
         action_bounds=vehicles.action_bounds,
         loop=vehicles.loop,
+        display=DISPLAY,
         command_limits=COMMAND_LIMITS,
         black_box=BLACK_BOX,
         entry=f"{__name__}:{from_settings.__name__}",
@@ -144,6 +178,14 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
 def _loops(task: Task, theta: bytes) -> Loops:
     """Keep the last, since reward and oracle are asked for the same vehicles."""
     return loops(task, context_of(np.frombuffer(theta).reshape(-1, len(LABELS))))
+
+
+def remarks(u: Array, y: Array, measured: Mapping[str, Array]) -> list[str]:
+    """Note where tyres leave their linear range."""
+    lateral = float(np.abs(y * measured["v_x"]).max())
+    if lateral <= _LINEAR:
+        return []
+    return [f"Lateral acceleration reaches {lateral:.1f} m/s^2, where tyres are no longer linear."]
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +241,10 @@ class Vehicles:
         found = self.loops(theta).evaluate(*gains.T)
         margins = found.margins.phase_margin, found.margins.crossover, found.margins.gain_margin
         return np.stack(margins, axis=1), found.stable
+
+    def actuator(self, signal: Array, Ts: float) -> Array:
+        """The steering actuator's response to a signal (N,)."""
+        return actuated(signal, Ts, self.task.vehicle)
 
     def loop(self, theta: Array, gains: Array) -> ClosedLoop:
         """One vehicle's, for small steps: in degrees, as people read them."""
