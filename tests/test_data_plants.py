@@ -14,7 +14,7 @@ import pytest
 import torch
 from first_order import TAU, U, described, design, plant, simulate
 from recordings import ROOT
-from test_cli import call, refused
+from command import call, refused
 from test_data_generation import TASK, cluster, contents, environment
 from test_data_generation import made as of_vehicles
 

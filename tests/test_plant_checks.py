@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 from first_order import U, by_one, described, design, plant, simulate
-from test_cli import UNUSABLE, refused
+from command import UNUSABLE, refused
 
 import yawrate_env
 from tuners import data, plants

@@ -11,7 +11,7 @@ import pytest
 from c_programs import answers, passes
 from first_order import TS, described
 from recordings import ROOT, recorded
-from test_cli import UNUSABLE, WRONG, call, refused
+from command import UNUSABLE, WRONG, call, refused
 from test_plant_kinds import registers, simulate
 
 import tuners
