@@ -8,6 +8,7 @@ import control
 import numpy as np
 import pytest
 from c_programs import notices, passes, written
+from command import UNUSABLE, WRONG, call, refused
 from exported import dc_motor, one, trained
 from first_order import TS
 from hypothesis import given
@@ -15,7 +16,6 @@ from hypothesis import strategies as st
 from imports import modules_after
 from recordings import ROOT, recorded
 from scipy.signal import lfilter
-from test_cli import UNUSABLE, WRONG, call, refused
 
 import tuners
 from tuners.export import (

@@ -7,7 +7,7 @@ import control
 import numpy as np
 import pytest
 from first_order import TAU, described, plant
-from test_report import Checked
+from pages import Checked
 
 from tuners.cli.report import figures, loops
 from tuners.plants import ClosedLoop, OpenLoop, Response
