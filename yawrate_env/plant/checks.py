@@ -29,6 +29,8 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
         plant[name] = check(name, plant[name])
     for name, check in _OF_PARAMETERS.items():
         plant[name] = _mapping(name, plant[name], check, tuple(plant["prior"]))
+    roles = ("input", "output", *plant["measured"])
+    plant["synonyms"] = _mapping("synonyms", plant["synonyms"], _texts, roles)
     plant["metrics"] = _metrics(plant["metrics"], plant["gains"], plant["evaluate"] is not None)
     if plant["crossover"] is not None:
         validation.number("crossover", plant["crossover"], above=0.0, below=0.5 / plant["Ts"],
@@ -63,6 +65,12 @@ def _gains(name: str, value: Any) -> tuple[str, ...]:
     if isinstance(value, str) or not isinstance(value, Sequence) or not value:
         raise ValueError(f'gains = {value!r} must be names, as in ("kp", "Ti").')
     return tuple(validation.text(f"gains[{i}]", name) for i, name in enumerate(value))
+
+
+def _texts(name: str, value: Any) -> tuple[str, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise ValueError(f'{name} = {value!r} must be texts, as in ("steer", "u").')
+    return tuple(validation.text(name, each) for each in value)
 
 
 def _input(name: str, value: Any) -> Any:
@@ -148,7 +156,9 @@ def _command_limits(name: str, value: Any) -> tuple[float, float] | None:
     return None if value is None else validation.interval(name, value)
 
 
-_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks")
+_OPTIONAL = (
+    "evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks",
+)  # fmt: skip
 
 _SETTINGS: dict[str, Check] = {
     "prior": _prior,
@@ -174,6 +184,7 @@ _SETTINGS: dict[str, Check] = {
         validation.instance, kind=str, remedy='Give a text, as in "my_plant:plant".'
     ),
     "arguments": partial(_mapping, check=lambda name, value: value),
+    "cautions": partial(_mapping, check=validation.text),
     "black_box": _black_box,
     "command_limits": _command_limits,
 }  # fmt: skip
