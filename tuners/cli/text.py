@@ -42,10 +42,12 @@ def described(log: Log, plant: Plant) -> str:
 
 
 def explained(reason: str, checks: tuple[Check, ...]) -> str:
-    """A reason with the values of the checks that failed."""
+    """A reason with the values of the checks that failed, where they say how much."""
     failed = [check for check in checks if check.message == reason and not check.passed]
     values = "; ".join(
-        f"{c.name.replace('_', ' ')} {c.value:.3g}, at most {c.limit:.3g}" for c in failed
+        f"{c.name.replace('_', ' ')} {c.value:.3g}, at most {c.limit:.3g}"
+        for c in failed
+        if math.isfinite(c.value) and c.limit > 0
     )
     return f"{reason} ({values})" if values else reason
 
