@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from tuners.catalogue import shipped
 from yawrate_env.vehicle.vehicle_file import example as paper
 
+LINES = EXAMPLE.read_text().splitlines()[:402]
 CELLS = st.sampled_from(
     ["", "nan", "inf", "-1e999", "1e308", "1e19", "x", "-", "0x10", "1,5", "1;2", '"', "\t",
      "999999", "-0.0", "12:00:01", "2024-01-01", "true", "µ"]
