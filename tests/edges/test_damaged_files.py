@@ -141,5 +141,3 @@ def test_damaged_vehicles_are_refused_or_used(text, position, cut, tmp_path):
     path.write_bytes(damaged.encode("utf-8", "replace"))
     code, _, err = call("excite", "--vehicle", path, "-o", tmp_path / "prbs.csv")
     assert (code, err) == (0, "") or (code == UNUSABLE and re.fullmatch(r"error: [^\n]+\n", err))
-
-

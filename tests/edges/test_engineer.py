@@ -50,7 +50,9 @@ def test_a_drive_as_in_the_training(tmp_path, tuner, mu_s, M_delta):
     assert found["phase_margin"]["low"] - 0.1 < 60 + phase < found["phase_margin"]["high"] + 0.1
 
 
-@pytest.mark.parametrize("mu_s, M_delta, v_x", [(*v, s) for v, s in zip(VEHICLES, SPEEDS)])
+@pytest.mark.parametrize(
+    "mu_s, M_delta, v_x", [(*v, s) for v, s in zip(VEHICLES, SPEEDS, strict=True)]
+)
 def test_a_drive_that_no_training_saw(tmp_path, tuner, mu_s, M_delta, v_x):
     """Another signal and speed, 100 Hz, from mid-drive, an offset on both channels."""
     u, _, y = drive(mu_s, M_delta, v_x, bias=np.radians(0.3), offset=np.radians(0.5))

@@ -29,9 +29,7 @@ USUAL = 0.95
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Learn from a folder of `yawrate dataset` instead of simulating.",
 )
-@click.option(
-    "-o", "--out", type=Output(SUFFIX), required=True, help=f"Tuner to write, *{SUFFIX}."
-)
+@click.option("-o", "--out", type=Output(SUFFIX), required=True, help=f"Tuner to write, *{SUFFIX}.")
 @click.option("--episodes", type=COUNT, help="Simulated plants. [default: 1000 or more]")
 @click.option(
     "--seed",

@@ -95,7 +95,9 @@ def setup(result: Result, log: Log, tuner: str) -> list[tuple[str, str]]:
         rows.append((capital(label), f"{quantity(float(values.mean()), unit)}, {ends}"))
     start = "from rest, without offset"
     if not fit.from_rest:
-        offset, initial = (quantity(factor * v, unit_of(output), 3) for v in (fit.offset, fit.initial))
+        offset, initial = (
+            quantity(factor * v, unit_of(output), 3) for v in (fit.offset, fit.initial)
+        )
         start = f"in motion; offset {offset}, response to the initial state {initial} rms"
     rows += [("Start", start), ("Signal to noise", f"{fit.snr_db:.1f} dB")]
     return [(name, minus(value) if name in ("Start", "Signal to noise") else value)
