@@ -10,8 +10,8 @@ from first_order import U, described, plant
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from imports import modules_after
 from recordings import ROOT
-from test_imports import modules_after
 
 import yawrate_env
 from tuners.cli import main

@@ -3,8 +3,8 @@
 import graphlib
 
 import pytest
+from imports import imported_names, modules_after
 from recordings import ROOT
-from test_imports import imported_names, modules_after
 
 MODULES = sorted((ROOT / "tuners").rglob("*.py"))
 ROOMS = {path.stem for path in (ROOT / "tuners").iterdir()}

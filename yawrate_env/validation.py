@@ -2,10 +2,12 @@
 
 import math
 from numbers import Real
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+T = TypeVar("T")
 
 
 def number(
@@ -95,9 +97,9 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
 
 
 def text(name: str, value: Any, *, remedy: str = "") -> str:
-    """Return `value` if it is a text that is not blank, or raise ``ValueError``."""
+    """Return `value` if it is text that is not blank, or raise ``ValueError``."""
     if not isinstance(value, str) or not value.strip():
-        raise ValueError(f"{name} = {value!r} must be a text that is not empty. {remedy}".strip())
+        raise ValueError(f"{name} = {value!r} must be text that is not empty. {remedy}".strip())
     return value
 
 
@@ -108,18 +110,20 @@ def flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def instance(name: str, value: Any, kind: type, *, remedy: str) -> None:
-    """Raise ``ValueError`` where `value` is not of that type."""
+def instance(name: str, value: Any, kind: type[T], *, remedy: str) -> T:
+    """Return `value` if it is of that type, or raise ``ValueError``."""
     if not isinstance(value, kind):
         raise ValueError(f"{name} = {value!r} is not of type {kind.__name__}. {remedy}")
+    return value
 
 
-def function(name: str, value: Any, *, optional: bool = False) -> None:
-    """Raise ``ValueError`` where `value` cannot be called; None may stand for an optional one."""
+def function(name: str, value: Any, *, optional: bool = False) -> Any:
+    """Return `value` if it can be called, or is None and optional; or raise ``ValueError``."""
     if not (callable(value) or (optional and value is None)):
         raise ValueError(
             f"{name} = {value!r} cannot be called. Give a function{', or None' * optional}."
         )
+    return value
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
@@ -161,7 +165,7 @@ def finite_array(
     )
     if not fits:
         wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ")"
-        raise ValueError(f"{name} has shape {array.shape}, wanted {wanted}. Reshape it.")
+        raise ValueError(f"{name} has shape {array.shape}, not {wanted}. Reshape it.")
     if not np.isfinite(array).all():
         first = int(np.flatnonzero(~np.isfinite(array.ravel()))[0])
         raise ValueError(

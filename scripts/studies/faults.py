@@ -1,7 +1,7 @@
 """Bad and foreign recordings, to find out whether they are recognised.
 
 Each kind is a function of a task, a generator and a number of recordings.  What is true
-and what the recording claims differ on purpose: gains are judged with the true vehicle.
+and what the recording claims differ on purpose: gains are evaluated on the true vehicle.
 Severities were fixed before anything was measured.
 """
 
@@ -64,6 +64,13 @@ def recorded(
     return u, clean, sigma * rng.standard_normal(clean.shape)
 
 
+def claimed_speed(v_x: Array) -> Array:
+    """Known parameters (B, 3) of recordings that come with a speed [m/s], (B,)."""
+    known = np.full((len(v_x), 3), np.nan)
+    known[:, 2] = v_x
+    return known
+
+
 def _usual(task: Task, rng: Rng, count: int) -> tuple[Context, Array, Array, Array, Array]:
     context = of_prior(task, rng, count)
     u, clean, noise = recorded(task, context, rng)
@@ -81,8 +88,8 @@ def _claim(
     vehicle: tuple[Vehicle, ...] | None = None,
     real: bool = True,
 ) -> Faulty:
-    speeds = context.v_x if v_x is None else v_x
-    recording = Recording(np.ascontiguousarray(u), y, task.experiment.Ts, speeds)
+    known = claimed_speed(context.v_x if v_x is None else v_x)
+    recording = Recording(np.ascontiguousarray(u), y, task.experiment.Ts, known)
     return Faulty(recording, context, vehicle or (task.vehicle,), real)
 
 

@@ -24,9 +24,9 @@ from command import (
     tuner_of,
 )
 from first_order import TS, gauged
+from imports import modules_after
 from log_files import CASES, write
 from recordings import ROOT
-from test_imports import modules_after
 
 import tuners
 from tuners.catalogue import shipped

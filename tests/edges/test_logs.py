@@ -102,6 +102,33 @@ def test_mdf_channels_have_clocks_of_their_own(tmp_path, case):
     check_same(log, replace(case, u=case.u[:count], y=case.y[:count]))
 
 
+def test_mdf_groups_with_rounded_stamps_or_none_at_all(tmp_path, case):
+    asammdf = pytest.importorskip("asammdf")
+    t, *values = case.columns.values()
+    with asammdf.MDF(version="4.10") as file:
+        file.append(asammdf.Signal(case.u[:0], t[:0], name=case.names[1]))
+        for name, signal, off in zip(case.names[1:], values, (1e-15, 0, -1e-12), strict=True):
+            file.append(asammdf.Signal(signal, t + off, name=name))
+        file.save(tmp_path / "log.mf4")
+    check_same(read(tmp_path / "log.mf4", case.plant), case)
+    with asammdf.MDF(version="4.10") as file:
+        for name, signal in zip(case.names[1:], values, strict=True):
+            count = 0 if signal is case.y else None
+            file.append(asammdf.Signal(signal[:count], t[:count], name=name))
+        file.save(tmp_path / "log.mf4", overwrite=True)
+    with pytest.raises(LogError, match=case.names[2]):
+        read(tmp_path / "log.mf4", case.plant)
+
+
+def test_a_stray_quote_costs_its_row(path, case):
+    lines = write(path, case.columns).read_text().splitlines()
+    lines[51] += '"'
+    path.write_text("\n".join(lines))
+    log = read(path, case.plant)
+    assert "1 incomplete row" in log.notes[0] and len(log.u) == len(case.u)
+    np.testing.assert_allclose(log.y[51:], case.y[51:])
+
+
 def test_parquet_columns_of_other_types(tmp_path):
     import decimal
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from first_order import TS, described
+from first_order import TS, described, simulate
 from recordings import ROOT
 
 import tuners
@@ -16,8 +16,7 @@ from tuners.learners.feedforward import FeedForward, FeedForwardSettings, _Scali
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
 from tuners.trust.black_box import suited_to_any_input
-from tuners.tuner.recording import Recording
-from tuners.tuner.stages import Stages
+from tuners.tuner.stages import Stages, coordinates_of
 from yawrate_env.plant.episodes import recorded
 from yawrate_env.plant.parametrisation import GAINS
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
@@ -28,15 +27,6 @@ import dc_motor  # noqa: E402
 SMALL = FeedForwardSettings(neurons=6, epochs=8)
 LAGUERRE, TREES = Laguerre(8, 2.0), GBMSettings(n_estimators=20)
 MOTOR = Laguerre(6, 40.0)
-
-
-def simulate(theta, u, rng):
-    """K/(T s + 1) with an input (N,) for all, or (B, N)."""
-    (K, T), rows = theta.T, np.broadcast_to(u, (len(theta), u.shape[-1]))
-    a, y = np.exp(-TS / T), np.zeros(rows.shape)
-    for k in range(rows.shape[1] - 1):
-        y[:, k + 1] = a * y[:, k] + K * (1 - a) * rows[:, k]
-    return y
 
 
 def registers(integers):
@@ -59,7 +49,7 @@ SLOPED = described(
     prior={"K": (0.5, 2.0), "T": (0.2, 1.0), "slope": (-0.1, 0.1)}, simulate=drifting,
     design=three, gains=("Kc", "Ti", "Td"), measured={"slope": 0.0, "T": 0.1}, signals=("u", "y"),
 )  # fmt: skip
-VARIOUS = described(simulate=simulate, excite=registers)
+VARIOUS = described(excite=registers)
 PRIOR = suited_to_any_input(VARIOUS, 24)
 RESPONSE = FrequencyResponse(order=8, pole=40.0, low=2.0, high=30.0, points=5)
 
@@ -89,7 +79,7 @@ CASES = {
     "trees": (SLOPED, LAGUERRE, TrendSettings(TREES)),
     "agent": (SLOPED, LAGUERRE, Untrained("relu", True)),
     "agent, clipped": (dc_motor.plant, MOTOR, Untrained("tanh", False)),
-    "regularised": (described(simulate=simulate), PRIOR, SMALL),
+    "regularised": (described(), PRIOR, SMALL),
     "inputs": (VARIOUS, LAGUERRE, SMALL),
     "regularised inputs": (VARIOUS, PRIOR, TrendSettings(SMALL)),
 }
@@ -127,10 +117,11 @@ def faulty(case):
 
 
 def expected(tuner, u, y, theta):
-    """Gains (B, k) and status (B,) without the tuner's own check that something moves."""
-    measured = tuner.plant.measured_features(theta)
-    found = tuner.method.predict(u, y, tuner.plant.Ts, measured)[0]
-    return found
+    """Gains (B, k) and status (B,) of recordings by the tuner's stages."""
+    plant, stages = tuner.plant, tuner.method
+    values, usable = stages.predict(u, y, plant.Ts, plant.measured_features(theta))
+    gains = coordinates_of(plant, stages.parametrisation).decode(values)
+    return np.where(usable[:, None], gains, np.nan)
 
 
 def measured(plant, theta):
@@ -159,7 +150,3 @@ def one(tuner):
     found = recorded(tuner.plant, "test", 0, 1)
     values = {name: row[0] for name, row in measured(tuner.plant, found.theta).items()}
     return tuner.tune(found.u[0], found.y[0], measured=values)
-
-
-def recording(plant, u, y, theta):
-    return Recording(u, y, plant.Ts, theta)

@@ -1,58 +1,65 @@
+"""Gains as a controller: its reference in Python, C, MATLAB, JSON, and the command."""
+
 import json
 import re
+from functools import cache
 
 import control
 import numpy as np
-import onnx
-import onnxruntime
 import pytest
-from c_programs import compiled, passes
-from hypothesis import given, settings
+from c_programs import notices, passes, written
+from command import UNUSABLE, WRONG, call, refused
+from exported import dc_motor, one, trained
+from first_order import TS
+from hypothesis import given
 from hypothesis import strategies as st
-from recordings import recorded
+from recordings import ROOT, recorded
 from scipy.signal import lfilter
 from test_imports import modules_after
 
 import tuners
 from tuners.export import (
     DigitalPI,
-    c_source,
-    compressor_source,
+    Gains,
     export,
     json_text,
     literals,
     matlab_script,
-)  # fmt: skip
-from tuners.export.control_models import pi_controller
-from tuners.export.onnx_tuner import onnx_model
-from tuners.features.laguerre import Laguerre
-from tuners.features.response import FrequencyResponse
-from tuners.learners.feedforward import FeedForward, _Scaling
-from tuners.tuner.baselines import Nominal
-from tuners.tuner.coordinates import decode, encode
-from tuners.tuner.stages import Stages
-from tuners.tuner.two_stage import TwoStage
-from yawrate_env.loop.design import Status
-from yawrate_env.loop.target import CONTROLLERS, Target
-from yawrate_env.vehicle.task import Experiment, Task
+    pi_program,
+    plant_settings,
+)
+from tuners.tuner.rivals import Nominal
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.episodes import recorded as episodes
+from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 PI = DigitalPI(0.31, 0.22, 0.01, -0.3, 0.5)
 KP, TI = st.floats(1e-3, 10.0), st.floats(1e-3, 100.0)
+VEHICLE = yaw_rate(Task())
+UNLIMITED = {"low": -1e9, "high": 1e9}
 
 
-# The program's reference
+@cache
+def result(case):
+    return one(trained(case))
+
+
+# The reference
 
 
 @given(KP, TI, st.sampled_from([0.001, 0.01, 0.05]))
 def test_between_the_limits_it_is_the_tustin_pi(kp, Ti, Ts):
     errors = np.random.default_rng(0).standard_normal(200)
-    commands = DigitalPI(kp, Ti, Ts, -1e9, 1e9).run(errors)
+    pi = DigitalPI(kp, Ti, Ts, **UNLIMITED)
+    commands = pi.run(errors)
     scale = np.abs(commands).max()
-    b, a = DigitalPI(kp, Ti, Ts).difference_equation()
-    np.testing.assert_allclose(commands, lfilter(b, a, errors), atol=1e-12 * scale)
-    C = pi_controller(kp, Ti, Ts)
-    expected = control.forced_response(C, inputs=errors).outputs
-    np.testing.assert_allclose(commands, expected, atol=1e-9 * scale)
+    np.testing.assert_allclose(
+        commands, lfilter(*pi.difference_equation(), errors), atol=1e-12 * scale
+    )
+    C = control.sample_system(control.tf([kp * Ti, kp], [Ti, 0]), Ts, "tustin")
+    right = control.forced_response(C, inputs=errors).outputs
+    np.testing.assert_allclose(commands, right, atol=1e-9 * scale)
 
 
 @given(st.floats(-1, 1), st.floats(-0.3, 0.5))
@@ -65,7 +72,7 @@ def test_a_saturated_controller_comes_back_at_once():
     commands = PI.run(errors)
     assert (commands[:500] == PI.high).all()
     assert commands[500] < PI.high  # without tracking it would stay there for 50 s
-    wound_up = DigitalPI(PI.kp, PI.Ti, PI.Ts, -1e9, 1e9).run(errors)
+    wound_up = DigitalPI(PI.kp, PI.Ti, PI.Ts, **UNLIMITED).run(errors)
     assert wound_up[-1] > 10 * PI.high
 
 
@@ -80,77 +87,61 @@ def test_a_missing_sample_holds_the_command():
 
 
 @pytest.mark.parametrize("real", ["double", "float"])
-def test_the_pi_compiles_and_meets_its_golden_vectors(tmp_path, real):
-    written = export((PI.kp, PI.Ti), "c", tmp_path / "new", limits=(PI.low, PI.high), real=real)
-    assert [p.name for p in written] == ["yawrate_pi.h", "yawrate_pi.c", "yawrate_pi_test.c"]
+@pytest.mark.parametrize(("kp", "Ti"), [(PI.kp, PI.Ti), (1e-3, 100.0), (10.0, 1e-3)])
+def test_the_pi_compiles_and_meets_its_golden_vectors(tmp_path, kp, Ti, real):
+    limits = (PI.low, PI.high)
+    paths = export((kp, Ti), "c", tmp_path / "new", Ts=0.01, limits=limits, real=real)
+    assert [p.name for p in paths] == ["yawrate_pi.h", "yawrate_pi.c", "yawrate_pi_test.c"]
     assert passes(tmp_path / "new", "yawrate_pi")
 
 
-@settings(max_examples=5)
-@given(KP, TI)
-def test_other_gains_do_so_too(tmp_path_factory, kp, Ti):
-    folder = tmp_path_factory.mktemp("pi")
-    export((kp, Ti), "c", folder)
-    assert passes(folder, "yawrate_pi")
-
-
-def test_golden_vectors_reach_both_limits_and_see_a_wrong_controller(tmp_path):
-    files = c_source(PI, name="lane_keeping")
-    for name, text in files.items():
-        (tmp_path / name).write_text(text)
+def test_golden_vectors_reach_both_limits_and_notice_a_wrong_controller(tmp_path):
+    files = pi_program(PI, name="lane_keeping")
     golden = files["lane_keeping_test.c"]
     assert all(golden.count(repr(limit)) >= 10 for limit in (PI.low, PI.high))
     assert "NAN" in golden and "INFINITY" in golden
-    assert passes(tmp_path, "lane_keeping")
-    source = tmp_path / "lane_keeping.c"
+    assert passes(written(tmp_path, files), "lane_keeping")
     mistakes = {
         "STEP * error": "STEP",
         "TRACKING *": "0.9 * TRACKING *",
         "> HIGH": "> 0.9 * HIGH",
         "isfinite(error) != 0": "error < 1e9",
     }
-    for right, wrong in mistakes.items():
-        source.write_text(files["lane_keeping.c"].replace(right, wrong))
-        assert source.read_text() != files["lane_keeping.c"]
-        parts = "lane_keeping.c", "lane_keeping_test.c"
-        assert compiled(tmp_path, *parts, flags=["-Wno-unused"]).returncode == 1
-
-
-@pytest.mark.parametrize(
-    "compressor", [Laguerre(8, 12.0), Laguerre(3, 5.0), FrequencyResponse(6, 9.0, points=4)]
-)
-@pytest.mark.parametrize("Ts", [0.001, 0.004])
-def test_the_first_stage_in_c_computes_pythons_features(tmp_path, compressor, Ts):
-    for name, text in compressor_source(compressor, Ts, name="lag").items():
-        (tmp_path / name).write_text(text)
-    assert passes(tmp_path, "lag")
+    assert notices(tmp_path, "lane_keeping.c", mistakes, "lane_keeping")
 
 
 @pytest.mark.parametrize("real", ["half", "long double"])
-def test_other_numbers_are_refused(real):
+def test_other_numbers_are_refused(real, tmp_path):
     with pytest.raises(ValueError, match="real = "):
-        c_source(PI, real=real)
+        pi_program(PI, real=real)
+    with pytest.raises(ValueError, match="real = "):
+        export((0.3, 0.2), "json", tmp_path / "x", real=real)
 
 
 @pytest.mark.parametrize("name", ["", "1pi", "a-b", "x" * 40])
-def test_a_name_that_c_does_not_know_is_refused(name):
-    with pytest.raises(ValueError, match="no C identifier"):
-        c_source(PI, name=name)
+def test_a_name_that_is_no_identifier_is_refused(name):
+    with pytest.raises(ValueError, match="name = "):
+        pi_program(PI, name=name)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e39])
+def test_constants_of_a_program_are_finite(value):
+    with pytest.raises(ValueError, match="float"):
+        literals.number(value, "float")
 
 
 # Documents
 
 
-def test_json_gives_the_controller_in_every_form(tmp_path):
-    (path,) = export((PI.kp, PI.Ti), "json", tmp_path / "pi.json", limits=(PI.low, PI.high))
-    content = json.loads(path.read_text())
+def test_json_gives_the_controller_in_every_form():
+    content = json.loads(json_text(PI))
     assert (content["format"], content["version"]) == ("yawrate-controller", 1)
     z = np.exp(1j * np.linspace(0.01, 3.1, 50))
-    expected = pi_controller(PI.kp, PI.Ti, PI.Ts)(z)
+    right = PI.kp * (1 + PI.Ts / (2 * PI.Ti) * (z + 1) / (z - 1))
     equation, state = content["difference_equation"], content["state"]
     C = control.tf(equation["b"], equation["a"], content["Ts"])
-    np.testing.assert_allclose(C(z), expected, rtol=1e-9)
-    np.testing.assert_allclose(state["n1"] + state["step"] / (z - 1), expected, rtol=1e-12)
+    np.testing.assert_allclose(C(z), right, rtol=1e-9)
+    np.testing.assert_allclose(state["n1"] + state["step"] / (z - 1), right, rtol=1e-12)
     assert content["parallel"]["Ki"] == content["standard"]["Kp"] / content["standard"]["Ti"]
     assert content["limits"] == [PI.low, PI.high]
 
@@ -162,135 +153,222 @@ def test_the_matlab_script_holds_the_same_numbers():
     assert [float(numbers[n]) for n in ("n1", "n0")] == [PI.gain, PI.step]
     b = [float(x) for x in re.search(r"^b = \[(.*)\];", script, re.M)[1].split(",")]
     assert b == PI.difference_equation()[0]
-    assert "tf('z', Ts)" in script and not re.search(r"[$#]", script)
+    assert "tf('z', Ts)" in script and not re.search(r"[{}#]", script)
 
 
-# ONNX
+def test_gains_of_a_pi_are_a_controller_in_the_plants_units(tmp_path):
+    motor = result("loop")
+    (path,) = export(motor, "json", tmp_path / "pi.json", limits=(-12.0, 12.0))
+    content = json.loads(path.read_text())
+    assert (content["Ts"], content["limits"]) == (dc_motor.target.Ts, [-12.0, 12.0])
+    assert [content["units"][x] for x in ("u", "e", "kp", "Ti")] == [
+        "V", "rad/s", "(V)/(rad/s)", "s",
+    ]  # fmt: skip
+    assert {name: content[name] for name in motor.gains} == motor.gains
+    export(motor, "c", tmp_path / "pi", limits=(0.0, 12.0))  # a command need not change its sign
+    assert passes(tmp_path / "pi", "yawrate_pi")
+    header = (tmp_path / "pi" / "yawrate_pi.h").read_text()
+    assert "last command [V]" in header and "measured speed [rad/s]" in header
+    export(motor, "matlab", tmp_path / "pi.m", limits=(-12.0, 12.0))
+    script = (tmp_path / "pi.m").read_text()
+    assert "Out: voltage [V]." in script and "limits = [-12.0, 12.0];  % [V]" in script
+    assert Gains.of(result("logarithms")).pi(limits=(0.0, 100.0)).Ts == TS
 
 
-def run(model, **inputs):
-    session = onnxruntime.InferenceSession(
-        model.SerializeToString(), providers=["CPUExecutionProvider"]
-    )
-    return session.run(["kp", "Ti", "status"], inputs)
+def test_a_plant_knows_limits_and_sampling_time(tmp_path):
+    given = recorded(1)
+    found = tuners.load("nominal").tune(given.u[0], given.y[0], given.Ts)
+    low, high = VEHICLE.command_limits
+    right = json.loads(json_text(DigitalPI(found.kp, found.Ti, 0.01, low, high, VEHICLE.signals)))
+    for source, plant in ((found, None), ((found.kp, found.Ti), VEHICLE)):
+        (path,) = export(source, "json", tmp_path / "pi.json", plant=plant)
+        assert json.loads(path.read_text()) == right
+    assert right["units"]["kp"] == "s"
 
 
-@pytest.mark.parametrize(("name", "rtol"), [("ts-ff-lag", 1e-6), ("ts-gbm-lag", 1e-4)])
-def test_a_tuner_as_a_graph_gives_pythons_gains(tmp_path, name, rtol):
-    tuner, recording = tuners.load(name), recorded(40)
-    expected, _ = tuner.gains(recording)
-    (path,) = export(tuner, "onnx", tmp_path / "tuner.onnx")
-    kp, Ti, status = run(onnx.load(path), yaw_rate=recording.y)
-    np.testing.assert_allclose(kp, expected.kp, rtol=rtol)
-    np.testing.assert_allclose(Ti, expected.Ti, rtol=rtol)
-    np.testing.assert_array_equal(status, expected.status)
-    one = run(onnx.load(path), yaw_rate=recording.y[:1])
-    np.testing.assert_allclose(one[0], expected.kp[:1], rtol=rtol)
+def test_json_is_always_possible(tmp_path):
+    (path,) = export(result("measured"), "json", tmp_path / "gains.json")
+    content = json.loads(path.read_text())
+    assert (content["format"], content["version"]) == ("yawrate-gains", 1)
+    assert content["gains"] == result("measured").gains
+    assert content["trusted"] is result("measured").trusted
+    assert content["signals"] == {"input": "u", "output": "y"} and content["target"] is None
+    export(Gains({"kp": np.nan, "Ti": np.nan}), "json", path)
+    assert json.loads(path.read_text())["gains"] == {"kp": None, "Ti": None}
+    export(Gains({"kp": 1.0, "Ti": 1.0}, target=Target(controller="printed")), "json", path)
+    assert json.loads(path.read_text())["target"]["controller"] == "printed"
+    export(result("loop"), "json", path)
+    assert json.loads(path.read_text())["target"]["crossover"] == dc_motor.target.crossover
 
 
-def test_the_graph_from_features_serves_any_command(tmp_path):
-    tuner = tuners.load("ts-ff-lag")
-    other = recorded(10, Experiment(register="random"))
-    features, _ = tuner.stages.compressor(other.u, other.y, other.Ts)
-    (path,) = export(tuner, "onnx", tmp_path / "tuner.onnx", features=True)
-    kp, Ti, _ = run(onnx.load(path), features=features)
-    expected, _ = tuner.gains(other)
-    np.testing.assert_allclose([kp, Ti], [expected.kp, expected.Ti], rtol=1e-6)
-    export(tuner, "c", tmp_path, features=True)
-    assert passes(tmp_path, "yawrate_laguerre")
+# Refusals
 
 
-class Echo(FeedForward):
-    """A network whose hidden layer is so small that it is linear: it gives back its input."""
-
-    def __init__(self, n):
-        eye = np.eye(2, n)
-        scaling = [_Scaling(np.zeros(k), np.ones(k)) for k in (n, 2)]
-        super().__init__(1e-9 * eye, np.zeros(2), 1e9 * np.eye(2), np.zeros(2), *scaling)
-
-
-@pytest.mark.parametrize("form", CONTROLLERS)
-@pytest.mark.parametrize("coordinates", ["loop", "gains"])
-def test_every_status_is_decoded_as_in_python(form, coordinates):
-    task = Task(target=Target(controller=form))
-    tuner = TwoStage(task, Stages(Laguerre(order=2), Echo(2)), coordinates, {})
-    values = np.array([[-1.0, -0.4], [-1.0, 0.0], [0.5, 0.3], [0.5, -1.6], [0.2, 0.3]])
-    expected = decode(values, task.target, coordinates)
-    kp, Ti, status = run(onnx_model(tuner, features=True), features=values)
-    np.testing.assert_allclose(kp, expected.kp, rtol=1e-7)
-    np.testing.assert_allclose(Ti, expected.Ti, rtol=1e-7)
-    assert status.tolist() == expected.status.tolist()
-    assert {Status.OK, Status.UNREACHABLE} <= set(status.tolist())
-    back = encode(kp[:1], Ti[:1], task.target, coordinates)
-    if coordinates == "loop":
-        np.testing.assert_allclose(back, values[:1], rtol=1e-7)
-
-
-@pytest.mark.parametrize("name", ["ts-ff", "ts-gbm", "gb", "nominal"])
-@pytest.mark.parametrize("target", ["onnx", "c"])
-def test_other_tuners_are_refused_with_what_can_be_exported(tmp_path, name, target):
-    with pytest.raises(ValueError, match="is not exported.* Export ts-ff-lag or ts-gbm-lag"):
-        export(tuners.load(name), target, tmp_path / "x")
-    assert not list(tmp_path.iterdir())
+def refusals():
+    """Source, target, options and the argument that the message names."""
+    printed = Gains({"kp": 1.0, "Ti": 1.0}, Ts=0.01, target=Target(controller="printed"))
+    pair, vehicle, box = (0.3, 0.2), {"plant": VEHICLE}, {"limits": (-1.0, 1.0)}
+    yield pair, "rust", {}, "target = 'rust'"
+    yield (0.3, -0.2), "matlab", vehicle, "Ti = -0.2"
+    yield (np.nan, 0.2), "c", vehicle, "kp = nan"
+    yield (None, 0.2), "json", vehicle, "kp = None"
+    yield (0.3, 0.2, 0.1), "c", vehicle, "source"
+    yield tuners.Tuner(VEHICLE, Nominal()), "json", {}, "source"
+    yield pair, "onnx", {}, "source"
+    yield pair, "c", box, "Ts"
+    yield pair, "c", {"Ts": 0.01}, "limits"
+    yield (1e39, 0.2), "matlab", vehicle, r"abs\(gain\)"
+    yield (1e-36, 1e3), "c", vehicle, r"abs\(step\)"
+    yield pair, "json", vehicle | {"Ts": 1001.0}, "Ts = 1001"
+    for Ts in (-1.0, np.nan, "fast"):
+        yield Gains({"K": 1.0}), "json", {"Ts": Ts}, "Ts = "
+    for limits in ((0.0, -1.0), (-1.0, 1.0, 2.0), (-1.0,), 3.0, (0.1, 0.2), (-1e-60, 1.0)):
+        yield pair, "json", vehicle | {"limits": limits}, "limits|low"
+    for target in ("c", "matlab"):
+        yield result("measured"), target, box, "gains Kc, Ti, Td.*target json"
+        yield printed, target, box, "'printed'.*target json"
+        yield result("loop"), target, {}, r"limits of voltage \[V\].*--limits.*target json"
+        yield result("loop"), target, {"limits": (2.0, 1.0)}, r"limits = .* in V\."
+        yield result("loop"), target, {"limits": ("a", 1.0)}, "low = 'a'"
 
 
 def test_misuse_is_refused_before_anything_is_written(tmp_path):
-    path = tmp_path / "x"
-    for source, target, message in [
-        ((0.3, 0.2), "rust", "target = 'rust'"),
-        ((0.3, -0.2), "json", "Ti = -0.2"),
-        ((np.nan, 0.2), "c", "kp = nan"),
-        ((0.3, 0.2, 0.1), "c", "holds no gains"),
-        (Nominal(Task()), "json", "Tune a recording first"),
-        ((0.3, 0.2), "onnx", "target onnx needs a tuner"),
-        ((None, 0.2), "json", "kp = None is not a number"),
-        ((1e39, 0.2), "matlab", r"abs\(gain\) = 1.025e\+39 must be"),
-        ((1e-36, 1e3), "c", r"abs\(step\) = 1e-41 must be"),
-    ]:
+    for source, target, options, message in refusals():
         with pytest.raises(ValueError, match=message):
-            export(source, target, path)
-    with pytest.raises(ValueError, match=r"limits = \[0, -1\] must have low below 0"):
-        export((0.3, 0.2), "c", path, limits=(0.0, -1.0))
-    for wrong in ((-1.0, 1.0, 2.0), (-1.0,), 3.0, (0.1, 0.2), (-1e-60, 1.0)):
-        with pytest.raises(ValueError, match=r"limits|low"):
-            export((0.3, 0.2), "json", path, limits=wrong)
-    with pytest.raises(ValueError, match="Ts = 1001 must be .* at most 1000"):
-        export((0.3, 0.2), "json", path, Ts=1001.0)
-    with pytest.raises(ValueError, match="real = 'half'"):
-        export((0.3, 0.2), "json", path, real="half")
-    tuner = TwoStage(Task(), Stages(Laguerre(order=2), Echo(3)), "loop", {})
-    with pytest.raises(ValueError, match="has 3 features, 2 of them"):
-        export(tuner, "onnx", path)
-    random = Task(experiment=Experiment(register="random"))
-    tuner = TwoStage(random, Stages(Laguerre(order=2), Echo(2)), "loop", {})
-    with pytest.raises(ValueError, match="features=True"):
-        export(tuner, "onnx", path)
+            export(source, target, tmp_path / "x", **options)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_file_is_not_taken_for_cs_folder(tmp_path):
+def test_files_in_the_way_are_kept(tmp_path):
     (tmp_path / "x").write_text("mine")
-    with pytest.raises(ValueError, match="x is a file, and target c writes several"):
-        export((0.3, 0.2), "c", tmp_path / "x")
+    with pytest.raises(ValueError, match="x is a file"):
+        export((0.3, 0.2), "c", tmp_path / "x", plant=VEHICLE)
     assert (tmp_path / "x").read_text() == "mine"
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e39])
-def test_constants_of_a_program_are_finite(value):
-    with pytest.raises(ValueError, match="is no finite float"):
-        literals.number(value, "float")
-
-
-def test_a_tuning_result_is_exported_as_it_is(tmp_path):
-    recording = recorded(1)
-    result = tuners.load("nominal").tune(recording.u[0], recording.y[0], recording.Ts)
-    (path,) = export(result, "json", tmp_path / "pi.json")
-    assert json.loads(path.read_text()) == json.loads(
-        json_text(DigitalPI(result.kp, result.Ti, 0.01))
-    )
+    (tmp_path / "pi" / "yawrate_pi_test.c").mkdir(parents=True)
+    with pytest.raises(ValueError, match="yawrate_pi_test.c"):
+        export((0.3, 0.2), "c", tmp_path / "pi", plant=VEHICLE)
+    assert [path.name for path in (tmp_path / "pi").iterdir()] == ["yawrate_pi_test.c"]
 
 
 def test_exporting_gains_needs_nothing_heavy(tmp_path):
     path = str(tmp_path / "pi.json")
     program = f"from tuners.export import export; export((0.3, 0.2), 'json', {path!r})"
-    assert not modules_after(program) & {"onnx", "control", "xgboost", "torch", "safetensors"}
+    heavy = {"jinja2", "onnx", "control", "xgboost", "torch", "safetensors"}
+    assert not modules_after(program) & heavy
+
+
+# Answers of `yawrate tune --json`
+
+ANSWER = {
+    "trusted": True,
+    "gains": {"kp": 1.0, "Ti": None},
+    "plant": {"target": None, "Ts": 0.01, "signals": ["valve [%]", "flow [l/s]"]},
+}
+
+
+@pytest.mark.parametrize(
+    "changes, name",
+    [
+        ({"trusted": "no"}, "trusted"),
+        ({"gains": {}}, "gains"),
+        ({"gains": {"kp": "1"}}, "kp"),
+        ({"gains": {"kp": 10**400}}, "kp"),
+        ({"gains": [1]}, "keys|items|list"),
+        ({"plant": {}}, "target"),
+        ({"plant": ANSWER["plant"] | {"Ts": -1.0}}, "Ts"),
+        ({"plant": ANSWER["plant"] | {"Ts": float("nan")}}, "Ts"),
+        ({"plant": ANSWER["plant"] | {"signals": [1, 2]}}, "input"),
+        ({"plant": ANSWER["plant"] | {"command_limits": [1]}}, "limits"),
+    ],
+)
+def test_damaged_answers_are_refused_whatever_the_target(changes, name, tmp_path):
+    path = tmp_path / "answer.json"
+    path.write_text(json.dumps(ANSWER))
+    assert np.isnan(Gains.read(path).values["Ti"])
+    path.write_text(json.dumps(ANSWER | changes))
+    with pytest.raises(ValueError, match=f"answer.json is no answer of .*{name}"):
+        Gains.read(path)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", 9999 * "[", '{"trusted": true}', "kp = 1"])
+def test_other_files_are_no_answers(text, tmp_path):
+    path = tmp_path / "answer.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match="answer.json is no answer of"):
+        Gains.read(path)
+
+
+def test_what_an_answer_says_of_its_plant_is_enough(tmp_path):
+    path = tmp_path / "answer.json"
+    for plant in (VEHICLE, dc_motor.plant):
+        content = {"trusted": True, "gains": {"kp": 0.3, "Ti": 0.2}, "plant": plant_settings(plant)}
+        path.write_text(json.dumps(content))
+        found = Gains.read(path)
+        assert (found.Ts, found.target) == (plant.parametrisation.target.Ts, found.target)
+        assert (found.signals, found.limits) == (plant.signals, plant.command_limits)
+
+
+# The command
+
+
+@pytest.fixture(scope="module")
+def motor(tmp_path_factory):
+    """A folder with the motor's tuner, a log, and the answer to it."""
+    folder = tmp_path_factory.mktemp("motor")
+    tuner = trained("loop")
+    tuner.save(folder / "motor.tuner")
+    found = episodes(tuner.plant, "test", 0, 1)
+    t = tuner.plant.Ts * np.arange(found.y.shape[1])
+    table = np.stack([t, found.u[0], found.y[0]], axis=1)
+    np.savetxt(folder / "log.csv", table, delimiter=",", header="t,u,y", comments="")
+    code, out, _ = call("tune", folder / "log.csv", "--tuner", folder / "motor.tuner", "--json")
+    assert code in (0, 3)
+    (folder / "answer.json").write_text(out)
+    return folder
+
+
+def test_a_tuner_is_exported_by_the_command(motor, tmp_path):
+    tuner = ("export", "--tuner", motor / "motor.tuner")
+    code, out, _ = call(*tuner, "-o", tmp_path / "c")
+    assert code == 0 and len(out.split()) == 6
+    code, out, _ = call(*tuner, "--features", "-o", tmp_path / "first")
+    assert code == 0 and len(out.split()) == 3
+    for flags in ((), ("--features",)):
+        assert call(*tuner, "--target", "onnx", *flags, "-o", tmp_path / "x.onnx")[0] == 0
+    assert "give gains" in refused(WRONG, *tuner, "--limits", 0, 1, "-o", tmp_path / "c")
+
+
+def test_an_answer_is_exported_by_the_command(motor, tmp_path):
+    answer = json.loads((motor / "answer.json").read_text())
+    gains = ("export", "--result", motor / "answer.json")
+    code, _, err = call(*gains, "--limits", -12, 12, "-o", tmp_path / "c")
+    assert code == 0 and ("not to be trusted" in err) != answer["trusted"]
+    assert passes(tmp_path / "c", "yawrate_pi")
+    assert f"every {dc_motor.target.Ts:g} s" in (tmp_path / "c" / "yawrate_pi.h").read_text()
+    json_ = ("--target", "json", "-o", tmp_path / "x.json")
+    assert call(*gains, *json_)[0] == 0
+    assert json.loads((tmp_path / "x.json").read_text())["gains"] == answer["gains"]
+    assert "limits of voltage" in refused(UNUSABLE, *gains, "-o", tmp_path / "d")
+    assert "not both" in refused(WRONG, *gains, "--kp", 1, "--Ti", 1, *json_)
+    assert "for a tuner" in refused(WRONG, *gains, "--features", *json_)
+    assert "is read" in refused(WRONG, *gains, *json_[:2], "-o", motor / "answer.json")
+
+
+def test_gains_and_answers_of_the_vehicle_are_exported_by_the_command(tmp_path):
+    code, out, _ = call("tune", ROOT / "examples" / "log.csv", "--json")
+    assert code == 0
+    (tmp_path / "answer.json").write_text(out)
+    answer, path = json.loads(out), tmp_path / "pi.json"
+    sources = ("--result", tmp_path / "answer.json"), ("--kp", answer["kp"], "--Ti", answer["Ti"])
+    for source in sources:
+        assert call("export", *source, "--target", "json", "-o", path)[0] == 0
+        content = json.loads(path.read_text())
+        assert [content[n] for n in ("kp", "Ti", "Ts")] == [answer["kp"], answer["Ti"], 0.01]
+        assert content["limits"] == list(VEHICLE.command_limits)
+
+
+def test_a_file_that_is_no_answer_is_refused_by_the_command(tmp_path):
+    path = tmp_path / "answer.json"
+    path.write_text("{}")
+    line = refused(UNUSABLE, "export", "--result", path, "-o", tmp_path / "x")
+    assert "answer.json" in line and line.count("\n") == 1

@@ -1,6 +1,6 @@
 """The parts of a tuner that exports write: its plant and both trained stages.
 
-An export answers as `Tuner.gains` does, for recordings from rest and without offsets.
+An export answers as the stages do, for recordings from rest and without offsets.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from tuners.learners import Learner
 from tuners.learners.actor import Agent
 from tuners.learners.feedforward import FeedForward
 from tuners.learners.trend import Trend
-from tuners.tuner.stages import Stages
+from tuners.tuner.stages import Stages, coordinates_of
 from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.design import Status, design_from_response
 from yawrate_env.plant.parametrisation import GAINS, LOG, Parametrisation
@@ -65,17 +65,17 @@ class Parts:
         stages = tuner.method
         if not isinstance(stages, Stages):
             raise ValueError(
-                f"tuner {tuner.name!r} cannot be exported: its method is a "
+                f"tuner {tuner!r} cannot be exported: its method is a "
                 f"{type(stages).__name__}, not two stages. {_EXPORTED}"
             )
         if not isinstance(stages.features, OnLaguerre):
             raise ValueError(
-                f"tuner {tuner.name!r} cannot be exported: its features are "
+                f"tuner {tuner!r} cannot be exported: its features are "
                 f"{type(stages.features).__name__}, and only those on Laguerre functions can. "
                 f"{_EXPORTED}"
             )
         plant = tuner.plant
-        chosen = GAINS if stages.parametrisation == "gains" else plant.parametrisation
+        chosen = coordinates_of(plant, stages.parametrisation)
         parts = cls(plant, stages.features, stages.learner, chosen)
         parts._check()
         return parts

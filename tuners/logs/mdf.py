@@ -24,12 +24,14 @@ def read(content: bytes) -> Table:
 
     def column(name: str) -> Column:
         try:
-            group, index = file.channels_db[name][0]
-            signal = file.get(group=group, index=index)
+            signals = (
+                file.get(group=group, index=index) for group, index in file.channels_db[name]
+            )
+            signal = max(signals, key=len)  # a channel may be in empty groups too
             values = np.asarray(signal.samples, dtype=np.float64)
         except Exception as error:
             raise LogError(f"Channel {name} cannot be read: {error}") from None
-        if values.ndim != 1:
+        if values.ndim != 1 or not len(values):
             raise LogError(f"Channel {name} holds no numbers.")
         return Column(values, str(signal.unit or ""), np.asarray(signal.timestamps, float))
 

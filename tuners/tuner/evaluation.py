@@ -5,7 +5,7 @@ import io
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -101,7 +101,7 @@ def evaluate(
             done += len(block)
             if progress is not None:
                 progress(done, total)
-    return [concatenate(part) for part in parts.values()]
+    return [_joined(part) for part in parts.values()]
 
 
 def write_csv(path: str | os.PathLike[str], evaluations: Sequence[Evaluation]) -> None:
@@ -147,6 +147,13 @@ def _part(
     metrics, stable = plant.evaluation(block.theta, gains)
     chosen = [list(plant.metrics).index(metric) for metric in plant.counted]
     return Evaluation(name, plant, block.theta, gains, metrics[:, chosen], stable, seconds)
+
+
+def _joined(parts: Sequence[Evaluation]) -> Evaluation:
+    """One tuner's parts in a row; the plant is that of all."""
+    names = "theta", "gains", "metrics", "stable", "seconds"
+    columns = {n: np.concatenate([getattr(part, n) for part in parts]) for n in names}
+    return replace(parts[0], **columns)
 
 
 def _rows(e: Evaluation) -> list[tuple[object, ...]]:

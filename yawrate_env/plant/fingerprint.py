@@ -63,7 +63,7 @@ def _settings(plant: Plant) -> dict[str, Any]:
         "measured": [[name, slack] for name, slack in plant.measured.items()],
         "metrics": [
             [name, *(_finite(getattr(metric, of)) for of in ("scale", "error", "spread"))]
-            for name, metric in plant.metrics.items()
+            for name, metric in plant.settings.items()
         ],
         "target": None if plant.target is None else list(plant.target),
         "linear": plant.linear,

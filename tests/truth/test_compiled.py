@@ -1,0 +1,111 @@
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba.core import caching
+
+from yawrate_env import compiled
+
+
+@pytest.mark.parametrize("cores", [1, 4])
+@pytest.mark.parametrize("items", [0, 1, 15, 16, 17, 160])
+def test_blocks_cover_every_item_once(monkeypatch, cores, items):
+    monkeypatch.setattr(compiled, "cores", lambda: cores)
+    counts, sizes = np.zeros(items, dtype=int), []
+
+    def work(start, stop):
+        counts[start:stop] += 1
+        sizes.append(stop - start)
+
+    compiled.over_blocks(work, items, 16)
+    assert (counts == 1).all()
+    assert max(sizes, default=1) <= 16
+
+
+@pytest.mark.parametrize("cores", [1, 4])
+def test_an_error_in_a_block_reaches_the_caller_and_no_thread_stays(monkeypatch, cores):
+    monkeypatch.setattr(compiled, "cores", lambda: cores)
+    before = threading.active_count()
+    with pytest.raises(ZeroDivisionError):
+        compiled.over_blocks(lambda i, j: 1 // (48 - i), 160, 16)
+    assert threading.active_count() == before
+
+
+def triangular(n):
+    total = 0
+    for k in range(n):
+        total += k + 1
+    return total
+
+
+def test_kernel_compiles_afresh_where_there_is_no_place_for_a_cache(monkeypatch):
+    # Numba raises this way for a read-only package and home: every locator declines.
+    monkeypatch.setattr(caching.FunctionCache._impl_class, "_locator_classes", [])
+    with pytest.raises(RuntimeError, match="cannot cache function"):
+        compiled.njit(cache=True)(triangular)
+    assert compiled.kernel(triangular)(100) == 5050
+
+
+NOISE = """
+import numpy as np
+import yawrate_env
+from yawrate_env.signals import noise
+noise.standard_normal(np.ones((1, noise.KEY_WORDS), np.uint64), 10)
+kernels = [k for k in vars(noise).values() if hasattr(k, "stats")]
+print(yawrate_env.__file__)
+print(sum(sum(k.stats.cache_misses.values()) for k in kernels))
+"""
+
+
+def compiled_in(installation, **environment):
+    """How many kernels the package in a folder compiles afresh for one noise stream."""
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
+    done = subprocess.run(
+        [sys.executable, "-c", NOISE],
+        cwd=installation,
+        env=inherited | {"PYTHONPATH": str(installation)} | environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    where, count = done.stdout.split()
+    assert Path(where).is_relative_to(installation)
+    return int(count)
+
+
+@pytest.fixture
+def installation(tmp_path):
+    """The package copied as an installer would, without caches."""
+    source = Path(compiled.__file__).parent
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(source, tmp_path / source.name, ignore=ignored)
+    return tmp_path
+
+
+def test_an_installed_package_compiles_once(installation):
+    assert compiled_in(installation) > 0
+    assert compiled_in(installation) == 0
+
+
+def test_the_package_works_without_a_cache(installation):
+    # Root may write to read-only folders, but nobody makes a folder where a file is.
+    for folder in ("yawrate_env", "yawrate_env/signals"):
+        (installation / folder / "__pycache__").touch()
+    nowhere = "/dev/null/nowhere"
+    assert compiled_in(installation, HOME=nowhere, XDG_CACHE_HOME=nowhere) > 0
+    assert not list(installation.rglob("*.nb?"))
+
+
+@pytest.mark.parametrize("limit, found", [("1", 1), ("", None), ("0", None), ("4,2", None)])
+def test_workers_are_told_how_many_cores_they_have(limit, found, monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    processors = compiled.cores()
+    monkeypatch.setenv("OMP_NUM_THREADS", limit)
+    assert compiled.cores() == (found or processors)
+    monkeypatch.setenv("OMP_NUM_THREADS", str(processors + 1))
+    assert compiled.cores() == processors
