@@ -23,11 +23,10 @@ from command import (
     tuned,
     tuner_of,
 )
-from drives import drive
-from first_order import TAU, TS, gauged
+from first_order import TS, gauged
+from imports import modules_after
 from log_files import CASES, write
 from recordings import ROOT
-from test_imports import modules_after
 
 import tuners
 from tuners.catalogue import shipped
@@ -57,7 +56,8 @@ def log(case, tmp_path):
 
 KEYS = {
     "gains", "metrics", "trusted", "reasons", "notes", "status", "converged", "fallback",
-    "parameters", "deviations", "units", "checks", "forms", "target", "tuner", "plant", "log", "fit",
+    "parameters", "deviations", "units", "checks", "forms", "target", "tuner", "plant", "log",
+    "fit",
 }  # fmt: skip
 
 
@@ -130,7 +130,8 @@ def test_a_late_output_is_found(name, case, early, tmp_path):
     columns = dict(zip(case.names, case.columns.values(), strict=True))
     t, parameter = (columns[case.names[i]][first] for i in (0, 3))
     log = write(
-        tmp_path / "log.csv", dict(zip(case.names, (t, case.u[u], case.y[y], parameter), strict=True))
+        tmp_path / "log.csv",
+        dict(zip(case.names, (t, case.u[u], case.y[y], parameter), strict=True)),
     )
     found = tuned(log, tuner_of(name))
     ms = 1e3 * shift * case.Ts

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from tuners.export.forms import Forms
 from tuners.logs import Log
 from tuners.trust.checks import Check
-from tuners.tuner.result import Interval, Result
+from tuners.trust.intervals import Interval
+from tuners.tuner.result import Result
 from yawrate_env.plant.names import split, valued
 from yawrate_env.plant.plant import Plant
 
@@ -120,7 +121,8 @@ def ratio(input: str, output: str) -> str:
 
 def forms_of(result: Result) -> Forms | None:
     """Forms of a PI controller; None where the gains are no PI's or do not exist."""
-    target, gains = result.plant.parametrisation.target, tuple(result.gains.values())
-    if target is None or not all(map(math.isfinite, gains)):
+    target = result.plant.parametrisation.target
+    if target is None or not all(map(math.isfinite, result.gains.values())):
         return None
-    return Forms.of(*gains, target)
+    kp, Ti = result.gains.values()
+    return Forms.of(kp, Ti, target)
