@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 import control
 import numpy as np
 import pytest
-from first_order import TAU, described, plant
-from pages import Checked
+from first_order import TAU, plant
 
 from tuners.cli.report import figures, loops
 from yawrate_env.loop.margins import Margins

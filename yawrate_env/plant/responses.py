@@ -41,7 +41,9 @@ class Response:
         validation.instance("a response's label", self.label, str, remedy="Give text.")
         setpoint = self.setpoint
         if not (isinstance(setpoint, float) and np.isnan(setpoint)):
-            setpoint = validation.number("a response's setpoint", setpoint, remedy="Give nan for none.")
+            setpoint = validation.number(
+                "a response's setpoint", setpoint, remedy="Give nan for none."
+            )
         time = _rising("a response's time", self.time)
         value = validation.float_array("a response's value", self.value)
         if value.shape != time.shape:
