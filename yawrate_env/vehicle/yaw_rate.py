@@ -96,9 +96,7 @@ COMMAND_LIMITS = (float(np.radians(-30.0)), float(np.radians(30.0)))
 """Road-wheel angle of exported controllers [rad]."""
 
 IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
-_DEGREE = float(np.degrees(1.0))
-DISPLAY = (IN_DEGREES[0], _DEGREE), (IN_DEGREES[1], _DEGREE)
-"""Input and output in pictures and reports."""
+"""What pictures show."""
 
 _LINEAR = 4.0  # m/s^2 of lateral acceleration, beyond which tyres saturate on dry asphalt
 _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
@@ -164,7 +162,6 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         search_limits=vehicles.limits(),
         action_bounds=vehicles.action_bounds,
         loop=vehicles.loop,
-        display=DISPLAY,
         command_limits=COMMAND_LIMITS,
         black_box=BLACK_BOX,
         entry=f"{__name__}:{from_settings.__name__}",
@@ -174,18 +171,18 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
     )
 
 
-@lru_cache(maxsize=1)
-def _loops(task: Task, theta: bytes) -> Loops:
-    """Keep the last, since reward and oracle are asked for the same vehicles."""
-    return loops(task, context_of(np.frombuffer(theta).reshape(-1, len(LABELS))))
-
-
 def remarks(u: Array, y: Array, measured: Mapping[str, Array]) -> list[str]:
     """Note where tyres leave their linear range."""
     lateral = float(np.abs(y * measured["v_x"]).max())
     if lateral <= _LINEAR:
         return []
     return [f"Lateral acceleration reaches {lateral:.1f} m/s^2, where tyres are no longer linear."]
+
+
+@lru_cache(maxsize=1)
+def _loops(task: Task, theta: bytes) -> Loops:
+    """Keep the last, since reward and oracle are asked for the same vehicles."""
+    return loops(task, context_of(np.frombuffer(theta).reshape(-1, len(LABELS))))
 
 
 @dataclass(frozen=True, slots=True)
