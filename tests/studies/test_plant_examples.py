@@ -72,7 +72,7 @@ def test_the_tanks_are_drawn_as_they_are_evaluated(tanks):
         THETA, plant.oracle(THETA), plant.metric_values(THETA, plant.oracle(THETA)), strict=True
     ):
         level, pump = plant.closed_loop(theta, gains).responses
-        e = level.wanted - level.value
+        e = level.setpoint - level.value
         assert e[0] == 2.0 and pump.label == plant.signals[0]
         k = np.flatnonzero(e < 0.2)[0]
         passed = np.interp(-0.2, -e[k - 1 : k + 1], level.time[k - 1 : k + 1])

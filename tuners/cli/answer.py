@@ -25,7 +25,7 @@ def as_json(result: Result, log: Log, tuner: str) -> dict[str, Any]:
     gains = _bare(result.gains)
     metrics = _bare({name: asdict(interval) for name, interval in result.intervals.items()})
     settings = plant_settings(plant)
-    return _plain({
+    answer: dict[str, Any] = _plain({
         **gains,
         **metrics,
         "gains": gains,
@@ -47,6 +47,7 @@ def as_json(result: Result, log: Log, tuner: str) -> dict[str, Any]:
         "log": _log(log, plant),
         "fit": _fit(result),
     })  # fmt: skip
+    return answer
 
 
 def _log(log: Log, plant: Plant) -> dict[str, Any]:

@@ -65,14 +65,14 @@ def command(
     A plant's module is found beside its TOML file, beside the folder, in the working
     folder, and by PYTHONPATH.
     """
-    from tuners import data
-    from tuners.cli.progress import Bars
-    from tuners.tuner.training import features_by_name
-
     if verify and not out.is_dir():
         raise click.UsageError(f"{out} is not a folder.")
     if not verify and episodes is None:
         raise click.UsageError("--episodes is missing.")
+    from tuners import data
+    from tuners.cli.progress import Bars
+    from tuners.tuner.training import features_by_name
+
     with Bars() as bars:
         if verify:
             plant = None if vehicle is None else plant_from(vehicle)

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from tuners.export.forms import Forms
 from tuners.logs import Log
 from tuners.trust.checks import Check
-from tuners.tuner.result import Interval, Result
+from tuners.trust.intervals import Interval
+from tuners.tuner.result import Result
 from yawrate_env.plant.names import split, valued
 from yawrate_env.plant.plant import Plant
 
@@ -42,10 +43,12 @@ def described(log: Log, plant: Plant) -> str:
 
 
 def explained(reason: str, checks: tuple[Check, ...]) -> str:
-    """A reason with the values of the checks that failed."""
+    """A reason with the values of the checks that failed, where they say how much."""
     failed = [check for check in checks if check.message == reason and not check.passed]
     values = "; ".join(
-        f"{c.name.replace('_', ' ')} {c.value:.3g}, at most {c.limit:.3g}" for c in failed
+        f"{c.name.replace('_', ' ')} {c.value:.3g}, at most {c.limit:.3g}"
+        for c in failed
+        if math.isfinite(c.value) and c.limit > 0
     )
     return f"{reason} ({values})" if values else reason
 
@@ -118,7 +121,8 @@ def ratio(input: str, output: str) -> str:
 
 def forms_of(result: Result) -> Forms | None:
     """Forms of a PI controller; None where the gains are no PI's or do not exist."""
-    target, gains = result.plant.parametrisation.target, tuple(result.gains.values())
-    if target is None or not all(map(math.isfinite, gains)):
+    target = result.plant.parametrisation.target
+    if target is None or not all(map(math.isfinite, result.gains.values())):
         return None
-    return Forms.of(*gains, target)
+    kp, Ti = result.gains.values()
+    return Forms.of(kp, Ti, target)

@@ -58,11 +58,12 @@ def command(
     if find_spec("torch") is None:
         raise click.ClickException('Training needs PyTorch: pip install "yawrate[tuners]".')
     import tuners
-    from tuners import data
     from tuners.cli.progress import Bars
 
     with Bars() as bars:
         if folder is not None:
+            from tuners import data
+
             plant = None if vehicle is None else plant_from(vehicle)
             tuner = data.train(folder, plant=plant, seed=seed, progress=bars)
         else:

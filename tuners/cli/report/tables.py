@@ -1,6 +1,7 @@
 """Rows of the page's tables."""
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
 from tuners.cli.report.numbers import minus
@@ -36,7 +37,7 @@ def numbers(result: Result) -> list[tuple[str, str, str, str]]:
     """Gains and metrics: name, value, unit, and the interval below."""
     units = gain_units(result.plant)
     gains = [
-        (split(name)[0], minus(quantity(value, "")), units[name], "")
+        (split(name)[0], minus(quantity(value, "")), units[name] if isfinite(value) else "", "")
         for name, value in result.gains.items()
     ]
     metrics = []
