@@ -87,7 +87,7 @@ STUDIES: dict[str, Callable[[Settings, Path, Bars], str]] = {
 
 
 @program(__doc__)
-@click.argument("study", type=click.Choice([*STUDIES, "page"]))
+@click.argument("study", metavar="STUDY", type=click.Choice([*STUDIES, "page"]))
 @counted(
     "--episodes", None, "Test episodes.  [default: 1500, million 1000000, trust 200 of each kind]"
 )

@@ -28,7 +28,7 @@ AGENT_EPISODES = 20_000
 
 
 @program(__doc__)
-@click.argument("name", type=click.Choice([*tuners.RECIPES, "rl"]))
+@click.argument("name", metavar="NAME", type=click.Choice([*tuners.RECIPES, "rl"]))
 @counted("--episodes", None, "Simulated for training.  [default: the recipe's, rl 20000]")
 @seed(help="Of the data and of the learner.")
 @click.option("--out", type=Output(SUFFIX), required=True, help="File to write, *.tuner.")

@@ -74,7 +74,7 @@ def posterior_spread(plant: Plant, theta: Array, u: Array | None = None) -> Arra
             f"theta has plants outside the prior {dict(plant.prior)}, which the posterior rules "
             "out. Give the plant the prior that they were drawn from."
         )
-    root = np.linalg.cholesky(parameter_covariance(plant, theta, u))
+    root = np.asarray(np.linalg.cholesky(parameter_covariance(plant, theta, u)), dtype=np.float64)
     nodes, weights = hermegauss(_ESTIMATES)
     risk = np.zeros((len(theta), 2, 2))
     for i, j in product(range(_ESTIMATES), repeat=2):

@@ -92,7 +92,7 @@ def _information(
         for first in range(0, episodes, _BLOCK):
             stop = min(first + _BLOCK, episodes)
             drawn = draw(plant, "test", seed, first, stop - first)
-            covariance = np.linalg.inv(kept(drawn.theta, drawn.u))
+            covariance = np.asarray(np.linalg.inv(kept(drawn.theta, drawn.u)), dtype=np.float64)
             found.append(spread(metric_slopes(plant, drawn.theta), covariance))
             if progress is not None:
                 progress(step, stop, episodes)

@@ -104,7 +104,7 @@ def agents(
 
 def score(e: Evaluation, episodes: int, seed: int, seconds: float = 0.0) -> Score:
     """Sum up one evaluation."""
-    errors = distance((e.metrics - e.plant.target) / e.plant.metric_setting("scale"))
+    errors = distance(e.errors / e.plant.metric_setting("scale"))
     margin, crossover = e.metrics.T
     return Score(
         e.tuner,

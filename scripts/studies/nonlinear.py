@@ -161,8 +161,8 @@ def _score(
     """One tuner's, over all test vehicles or those on low friction."""
     part = e.theta[:, 0] < LOW_FRICTION if low else np.ones(len(e.gains), dtype=np.bool_)
     step = float(np.radians(YAW_RATE))
-    in_time = time_domain(task, context_of(e.theta[part]), *e.gains[part].T, step)
-    margin, crossover = (e.metrics - e.plant.target)[part].T
+    in_time = time_domain(task, context_of(e.theta[part]), e.gains[part, 0], e.gains[part, 1], step)
+    margin, crossover = e.errors[part].T
     settling = in_time.settling_time
     return Score(
         e.tuner,

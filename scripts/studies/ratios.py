@@ -95,7 +95,7 @@ def entry(
     (found,) = evaluate(
         {name: tuner}, plant, "test", episodes=episodes, seed=0, batch=_BATCH, progress=report
     )  # fmt: skip
-    errors, least = found.metrics - plant.target, bound_on(plant, "test", 0, episodes)
+    errors, least = found.errors, bound_on(plant, "test", 0, episodes)
     pairs = np.stack([errors, least], axis=2)
     low_high = [bootstrap_interval(pairs[:, k], ratio_of_rms) for k in (0, 1)]
     return Entry(

@@ -30,7 +30,7 @@ def errors(policy: Policy, plant: Plant, episodes: int, seed: int) -> Array:
     (found,) = evaluate(
         {"": policy}, plant, "test", episodes=episodes, seed=seed, batch=BATCH
     )  # fmt: skip
-    return np.where(found.stable[:, None], found.metrics - plant.target, np.nan)
+    return np.where(found.stable[:, None], found.errors, np.nan)
 
 
 def row(name: str, off: Array, bound: Array, **about: Any) -> Row:

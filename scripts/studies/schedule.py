@@ -153,7 +153,7 @@ def accuracy(
 
 
 def _bin(plant: Plant, low: float, high: float, rows: Array) -> Bin:
-    errors = rows[:, 1:3] - plant.target
+    errors = rows[:, 1:3] - plant.targets(plant.middle)
     bound = rms(rows[:, 5:]) if len(rows) else np.full(2, np.nan)
     pm, fc = (Accuracy.of(errors[:, i], float(bound[i])) for i in (0, 1))
     stable, trusted = rows[:, 3:5].sum(axis=0).astype(int).tolist()

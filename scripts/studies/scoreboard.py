@@ -143,9 +143,8 @@ def rows(evaluations: Sequence[Evaluation], context: str, learned: Mapping[str, 
     rewards = {e.tuner: e.plant.reward(e.theta, e.gains) for e in evaluations}
     board = []
     for e in evaluations:
-        assert e.plant.target is not None
         table = np.stack([rewards[n] for n in (e.tuner, "nominal", "oracle")], axis=1)
-        margin, crossover = e.metrics.T - np.array(e.plant.target)[:, None]
+        margin, crossover = e.errors.T
         board.append(
             Row(
                 e.tuner,

@@ -162,7 +162,10 @@ def coverage(
     rows = []
     for name, chosen in groups.items():
         held, wide, least = (values[chosen].mean(axis=0).tolist() for values in columns)
-        rows.append(Coverage(name, int(chosen.sum()), *held, tuple(wide), tuple(least)))
+        count = int(chosen.sum())
+        rows.append(
+            Coverage(name, count, held[0], held[1], (wide[0], wide[1]), (least[0], least[1]))
+        )
     return rows
 
 

@@ -1,4 +1,4 @@
-"""The same episodes to every tuner, and what is written about them."""
+"""The same episodes for every tuner, and the CSV file of the results."""
 
 import csv
 import dataclasses
@@ -8,176 +8,139 @@ import numpy as np
 import pytest
 
 import tuners
-from tuners.tuner.baselines import Nominal, Oracle
-from tuners.tuner.evaluation import COLUMNS, evaluate, write_csv
-from tuners.tuner.gray_box import GrayBox
-from tuners.tuner.tuner import Tuner
-from yawrate_env.loop.design import Design
+from tuners.tuner.evaluation import columns, evaluate, write_csv
 from yawrate_env.loop.target import Target
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops
-from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
-TEST = CONTEXT_SETS["test"]
-
-
-def evaluated(names, contexts=TEST, task=None, episodes=5, seed=0, **settings):
-    chosen = names if isinstance(names, dict) else {name: tuners.load(name) for name in names}
-    return evaluate(chosen, task or Task(), contexts, episodes=episodes, seed=seed, **settings)
+PLANT = yaw_rate(Task())
+SHORT = yaw_rate(Task(experiment=Experiment(N=300)))
+HEADER = "tuner,episode,mu_s,M_delta,v_x,kp,Ti,phase_margin,crossover,stable,seconds"
 
 
-def table(path):
-    with open(path, newline="") as file:
+def evaluated(names, plant=PLANT, name="test", episodes=5, seed=0, **settings):
+    chosen = names if isinstance(names, dict) else {n: tuners.load(n, None) for n in names}
+    return evaluate(chosen, plant, name, episodes=episodes, seed=seed, **settings)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return evaluated(["ts-ff", "ts-gbm", "gb", "nominal", "oracle"])
+
+
+def table(path, evaluations):
+    write_csv(path / "rows.csv", evaluations)
+    with open(path / "rows.csv", newline="") as file:
         return list(csv.DictReader(file))
 
 
-def test_columns_are_the_agreed_ones(tmp_path):
-    write_csv(tmp_path / "rows.csv", evaluated(["ts-ff", "nominal"], episodes=3))
-    header = "tuner,episode,mu_s,M_delta,v_x,kp,Ti,phase_margin,crossover,stable,seconds"
+def test_columns_are_the_agreed_ones(found, tmp_path):
+    rows = table(tmp_path, found)
     lines = (tmp_path / "rows.csv").read_text().splitlines()
-    assert lines[0] == header == ",".join(COLUMNS)
-    assert len(lines) == 1 + 2 * 3
-    rows = table(tmp_path / "rows.csv")
+    assert lines[0] == HEADER == ",".join(columns(PLANT)) and len(lines) == 1 + 5 * 5
     assert [(r["tuner"], r["episode"]) for r in rows] == [
-        (name, str(k)) for name in ("ts-ff", "nominal") for k in range(3)
+        (e.tuner, str(k)) for e in found for k in range(5)
     ]
     assert {r["stable"] for r in rows} == {"True"}
 
 
-def test_rows_hold_the_numbers_to_twelve_digits(tmp_path):
-    (found,) = evaluated(["ts-ff"])
-    write_csv(tmp_path / "rows.csv", [found])
-    rows = table(tmp_path / "rows.csv")
-    for name in ("kp", "Ti", "phase_margin", "crossover"):
-        written = [float(r[name]) for r in rows]
-        np.testing.assert_allclose(written, getattr(found, name), rtol=1e-11)
-    for name in ("mu_s", "M_delta", "v_x"):
-        written = [float(r[name]) for r in rows]
-        np.testing.assert_allclose(written, getattr(found.context, name), rtol=1e-11)
+def test_rows_hold_twelve_digits_and_the_margins_of_their_gains(found, tmp_path):
+    rows = table(tmp_path, found)
+    written = np.array([[float(value) for value in list(r.values())[2:9]] for r in rows])
+    exact = [np.concatenate([e.theta, e.gains, e.metrics], axis=1) for e in found]
+    np.testing.assert_allclose(written, np.concatenate(exact), rtol=1e-11)
+    values, _ = PLANT.evaluation(written[:, :3], written[:, 3:5])
+    np.testing.assert_allclose(written[:, 5:], values[:, :2], rtol=1e-9)
     assert all(float(r["seconds"]) > 0 for r in rows)
 
 
-def test_the_margins_are_those_of_the_written_gains_and_vehicle(tmp_path):
-    write_csv(tmp_path / "rows.csv", evaluated(["ts-gbm"]))
-    for r in table(tmp_path / "rows.csv"):
-        judge = loops(Task(), Context.of(*(float(r[n]) for n in ("mu_s", "M_delta", "v_x"))))
-        verdict = judge.evaluate(*(np.array([float(r[n])]) for n in ("kp", "Ti")))
-        assert float(r["phase_margin"]) == pytest.approx(verdict.margins.phase_margin[0], rel=1e-9)
-        assert float(r["crossover"]) == pytest.approx(verdict.margins.crossover[0], rel=1e-9)
+def test_every_tuner_gets_the_same_episodes_whatever_the_others(found):
+    for one in found:
+        np.testing.assert_array_equal(one.theta, found[0].theta)
+    (alone,) = evaluated(["ts-ff"], episodes=3)
+    np.testing.assert_array_equal(alone.gains, found[0].gains[:3])
 
 
-def test_every_tuner_gets_the_same_episodes_whatever_the_company():
-    together = evaluated(["nominal", "ts-ff", "gb"])
-    for one in together:
-        (alone,) = evaluated([one.tuner])
-        for name in ("mu_s", "M_delta", "v_x"):
-            values = getattr(one.context, name)
-            np.testing.assert_array_equal(values, getattr(together[0].context, name))
-            np.testing.assert_array_equal(values, getattr(alone.context, name))
-        np.testing.assert_array_equal(one.kp, alone.kp)
-
-
-def test_seed_and_context_set_decide_the_episodes():
-    first, again, other, train = (
-        evaluated(["nominal"], contexts=CONTEXT_SETS[name], seed=seed)[0].context.mu_s
-        for name, seed in (("test", 1), ("test", 1), ("test", 2), ("train", 1))
-    )
+def test_seed_and_set_determine_the_episodes():
+    first, again, other, train, beyond = (
+        evaluated(["nominal"], SHORT, name, 50, seed, batch=50)[0].theta
+        for name, seed in (
+            ("test", 1), ("test", 1), ("test", 2), ("train", 1), ("extrapolation", 1)
+        )
+    )  # fmt: skip
     np.testing.assert_array_equal(first, again)
-    assert not np.isin(first, np.concatenate([other, train])).any()
-
-
-def test_more_episodes_start_with_the_same():
-    few, many = (evaluated(["ts-ff"], episodes=n)[0] for n in (3, 7))
-    np.testing.assert_array_equal(few.kp, many.kp[:3])
+    assert not np.isin(first[:, 0], np.concatenate([other, train])[:, 0]).any()
+    assert ((beyond >= [1.1, 300.0, 20.0]) & (beyond <= [1.3, 500.0, 20.0])).all()
 
 
 @pytest.mark.parametrize("name", ["ts-ff", "ts-gbm", "gb", "nominal", "oracle"])
 def test_the_batch_size_changes_nothing_but_the_seconds(name):
-    single, *others = (evaluated([name], episodes=20, batch=batch)[0] for batch in (1, 7, 64))
+    single, *others = (evaluated([name], episodes=12, batch=batch)[0] for batch in (1, 5, 64))
     for other in others:
-        for column in ("kp", "Ti", "phase_margin", "crossover"):
-            # Matrix products of other sizes round otherwise.
-            np.testing.assert_allclose(getattr(other, column), getattr(single, column), rtol=1e-9)
+        # Matrix products of other sizes round otherwise.
+        np.testing.assert_allclose(other.gains, single.gains, rtol=1e-9)
+        np.testing.assert_allclose(other.metrics, single.metrics, rtol=1e-9)
         np.testing.assert_array_equal(other.stable, single.stable)
 
 
-def test_chunks_join_seamlessly():
-    # 256 episodes are simulated at a time.
-    (small,) = evaluated(["nominal"], task=SHORT, episodes=300, batch=100)
-    (large,) = evaluated(["nominal"], task=SHORT, episodes=300, batch=300)
-    assert len(small.kp) == 300
-    for name in ("kp", "phase_margin", "crossover", "stable"):
+def test_blocks_join_seamlessly():
+    small, large = (
+        evaluated(["nominal"], SHORT, episodes=300, batch=b)[0] for b in (100, 300)
+    )  # fmt: skip
+    assert len(small.gains) == 300
+    for name in ("theta", "gains", "metrics", "stable"):
         np.testing.assert_array_equal(getattr(small, name), getattr(large, name))
-    np.testing.assert_array_equal(small.context.mu_s, large.context.mu_s)
-
-
-SHORT = Task(experiment=Experiment(N=300))
 
 
 @pytest.mark.parametrize(
     "task",
     [
-        SHORT,
+        Task(experiment=Experiment(N=300)),
         Task(prior=Prior(v_x=(10.0, 30.0)), experiment=Experiment(N=300, register="random")),
         Task(target=Target(phase_margin=75.0, crossover=1.2), experiment=Experiment(N=300)),
     ],
     ids=["default", "speeds", "target"],
 )
 def test_the_oracle_makes_no_error(task):
-    (found,) = evaluated({"oracle": Oracle(task)}, task=task, episodes=50, batch=50)
+    plant = yaw_rate(task)
+    (found,) = evaluated({"": tuners.load("oracle", plant)}, plant, episodes=50, batch=50)
     # The design rule is exact; crossings are bisected to machine precision.
-    np.testing.assert_allclose(found.phase_margin, task.target.phase_margin, rtol=1e-9)
-    np.testing.assert_allclose(found.crossover, task.target.crossover, rtol=1e-9)
+    np.testing.assert_allclose(found.metrics, np.tile(plant.target, (50, 1)), rtol=1e-9)
     assert found.stable.all()
 
 
-def test_extrapolation_lies_beyond_the_prior():
-    (found,) = evaluated(["oracle"], CONTEXT_SETS["extrapolation"], SHORT, episodes=100, batch=100)
-    for values, low, high in ((found.context.mu_s, 1.1, 1.3), (found.context.M_delta, 300, 500)):
-        assert low <= values.min() < low + 0.1 * (high - low)
-        assert high - 0.1 * (high - low) < values.max() <= high
-    np.testing.assert_array_equal(found.context.v_x, 20.0)
-
-
 def test_speeds_reach_the_tuners():
-    task = Task(prior=Prior(v_x=(10.0, 30.0)))
-    (found,) = evaluated({"gb": GrayBox(task)}, task=task, episodes=6)
-    assert np.ptp(found.context.v_x) > 3
+    plant = yaw_rate(Task(prior=Prior(v_x=(10.0, 30.0))))
+    (found,) = evaluated({"gb": tuners.load("gb", plant)}, plant, episodes=6)
+    assert np.ptp(found.theta[:, 2]) > 3
     # Ten standard deviations of the slippery and slow.
-    np.testing.assert_allclose(found.phase_margin, 60, atol=0.2)
+    np.testing.assert_allclose(found.metrics[:, 0], 60, atol=0.2)
 
 
-class Reckless(Tuner):
-    """Far too much gain for every second vehicle, none at all for the others."""
+class Reckless:
+    """Far too much gain for every second vehicle, nearly none for the others."""
 
-    kind = "reckless"
-
-    def gains(self, recording):
+    def act(self, recording):
         kp = np.where(np.arange(len(recording)) % 2 == 0, 10.0, 1e-3)
-        everyone = np.zeros(len(kp), dtype=int)
-        return Design(kp, np.full(len(kp), 100.0), everyone), everyone == 0
+        return np.stack([kp, np.full(len(kp), 100.0)], axis=1)
 
 
 def test_unstable_loops_and_missing_margins_are_written_as_they_are(tmp_path):
-    task = Task(experiment=Experiment(N=300), target=Target(controller="printed"))
+    printed = Task(experiment=Experiment(N=300), target=Target(controller="printed"))
     # The printed controller has no integrator: with little gain there is no crossover.
-    found = evaluated({"reckless": Reckless(task)}, task=task, episodes=4, batch=4)
-    write_csv(tmp_path / "rows.csv", found)
-    rows = table(tmp_path / "rows.csv")
+    rows = table(tmp_path, evaluated({"": Reckless()}, yaw_rate(printed), episodes=4, batch=4))
     assert [r["kp"] for r in rows] == ["10", "0.001"] * 2
     assert [r["phase_margin"] == "nan" for r in rows] == [False, True] * 2
     assert [r["crossover"] == "nan" for r in rows] == [False, True] * 2
     assert [r["stable"] for r in rows][1::2] == ["True"] * 2
-    pi = evaluated({"reckless": Reckless(SHORT)}, task=SHORT, episodes=2, batch=2)
-    assert not pi[0].stable[0] and np.isfinite(pi[0].phase_margin[0])
+    (pi,) = evaluated({"": Reckless()}, SHORT, episodes=2, batch=2)
+    assert not pi.stable[0] and np.isfinite(pi.metrics[0]).all()
 
 
-def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path):
-    found = evaluated(["nominal"], episodes=1)
+def test_a_file_that_cannot_be_written_leaves_nothing(found, tmp_path):
     with pytest.raises(OSError):
         write_csv(tmp_path / "absent" / "rows.csv", found)
-    broken = dataclasses.replace(found[0], seconds=np.array([None]))
+    broken = dataclasses.replace(found[0], seconds=np.array([None] * 5))
     with pytest.raises(TypeError):
         write_csv(tmp_path / "rows.csv", [broken])
     assert list(tmp_path.iterdir()) == []
@@ -185,7 +148,7 @@ def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path):
 
 def test_progress_is_reported_to_the_end():
     calls = []
-    evaluated(["nominal", "oracle"], task=SHORT, episodes=300, batch=300,
+    evaluated(["nominal", "oracle"], SHORT, episodes=300, batch=300,
               progress=lambda done, of: calls.append((done, of)))  # fmt: skip
     assert [of for _, of in calls] == [600] * len(calls)
     done = [d for d, _ in calls]
@@ -195,21 +158,26 @@ def test_progress_is_reported_to_the_end():
 @pytest.mark.parametrize("wrong", [{"episodes": 0}, {"seed": -1}, {"batch": 0}, {"batch": 1.5}])
 def test_wrong_numbers_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        evaluated({"nominal": Nominal(SHORT)}, task=SHORT, **wrong)
+        evaluated(["nominal"], SHORT, **wrong)
+
+
+def test_an_unknown_set_is_refused():
+    with pytest.raises(ValueError, match="moon"):
+        evaluated(["nominal"], SHORT, "moon")
 
 
 def test_seconds_are_an_episodes_share_of_its_batch(monkeypatch):
     clock = SimpleNamespace(now=0.0)
     clock.perf_counter = lambda: clock.now
 
-    class Slow(Nominal):
-        def gains(self, recording):
+    class Slow(Reckless):
+        def act(self, recording):
             clock.now += 6.0
-            return super().gains(recording)
+            return super().act(recording)
 
     monkeypatch.setattr("tuners.tuner.evaluation.time", clock)
-    (single,) = evaluated({"slow": Slow(SHORT)}, task=SHORT, episodes=4)
-    (batch,) = evaluated({"slow": Slow(SHORT)}, task=SHORT, episodes=4, batch=3)
-    assert single.seconds.tolist() == [6.0] * 4
-    assert batch.seconds.tolist() == [2.0] * 3 + [6.0]
+    single, batch = (
+        evaluated({"": Slow()}, SHORT, episodes=4, batch=b)[0].seconds.tolist() for b in (1, 3)
+    )  # fmt: skip
+    assert single == [6.0] * 4 and batch == [2.0] * 3 + [6.0]
     assert clock.now == 6.0 * (1 + 4 + 1 + 2)  # once more each, before the clock runs

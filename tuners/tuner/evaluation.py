@@ -5,8 +5,8 @@ import io
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,11 @@ class Evaluation:
     metrics: Array
     stable: NDArray[np.bool_]
     seconds: Array
+
+    @property
+    def errors(self) -> Array:
+        """Distances (E, f) of the metrics from their targets."""
+        return np.asarray(self.metrics - self.plant.targets(self.theta))
 
 
 def evaluate(
@@ -151,9 +156,19 @@ def _part(
 
 def _joined(parts: Sequence[Evaluation]) -> Evaluation:
     """One tuner's parts in a row; the plant is that of all."""
-    names = "theta", "gains", "metrics", "stable", "seconds"
-    columns = {n: np.concatenate([getattr(part, n) for part in parts]) for n in names}
-    return replace(parts[0], **columns)
+
+    def joined(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    return Evaluation(
+        parts[0].tuner,
+        parts[0].plant,
+        joined("theta"),
+        joined("gains"),
+        joined("metrics"),
+        joined("stable"),
+        joined("seconds"),
+    )
 
 
 def _rows(e: Evaluation) -> list[tuple[object, ...]]:
