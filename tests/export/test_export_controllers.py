@@ -13,9 +13,9 @@ from exported import dc_motor, one, trained
 from first_order import TS
 from hypothesis import given
 from hypothesis import strategies as st
+from imports import modules_after
 from recordings import ROOT, recorded
 from scipy.signal import lfilter
-from test_imports import modules_after
 
 import tuners
 from tuners.export import (
@@ -351,7 +351,7 @@ def test_an_answer_is_exported_by_the_command(motor, tmp_path):
     assert "limits of voltage" in refused(UNUSABLE, *gains, "-o", tmp_path / "d")
     assert "not both" in refused(WRONG, *gains, "--kp", 1, "--Ti", 1, *json_)
     assert "for a tuner" in refused(WRONG, *gains, "--features", *json_)
-    assert "is read" in refused(WRONG, *gains, *json_[:2], "-o", motor / "answer.json")
+    assert "overwritten" in refused(WRONG, *gains, *json_[:2], "-o", motor / "answer.json")
 
 
 def test_gains_and_answers_of_the_vehicle_are_exported_by_the_command(tmp_path):

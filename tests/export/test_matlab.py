@@ -5,8 +5,8 @@ import re
 import control
 import numpy as np
 import pytest
+from imports import modules_after
 from recordings import ROOT
-from test_imports import modules_after
 
 from tuners.features.armax import FitStatus, armax
 from tuners.pidtune import pidtune

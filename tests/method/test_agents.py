@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import torch
 from first_order import described, gauged, lone, plant
+from imports import modules_after
 from recordings import recorded
-from test_imports import modules_after
 
 import tuners
 from tuners.agents.actors import Average, actor_of
