@@ -17,7 +17,7 @@ from tuners.catalogue import CALIBRATION, SPEEDS
 from tuners.cli.arguments import Output
 from tuners.cli.progress import Bars
 from tuners.cli.train import accuracy
-from tuners.features import BY_NAME
+from tuners.features import BY_NAME, features_named
 from tuners.tuner.tuner_file import SUFFIX
 from yawrate_env.plant.entry import find
 
@@ -72,7 +72,9 @@ def main(
         if name == "rl":
             from tuners.agents import training
 
-            settings = Training(algorithm, features, episodes or AGENT_EPISODES, seed=seed)
+            # Those of yawrate/PITuningFeatures-v0, or suited to the plant.
+            stage = features if plant else features_named(features)
+            settings = Training(algorithm, stage, episodes or AGENT_EPISODES, seed=seed)
             tuner = training.train(
                 settings, trained_for, log=log, checkpoint=checkpoint, calibration=calibration,
                 progress=bars,

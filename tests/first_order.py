@@ -55,10 +55,16 @@ def slopes(theta):
 
 
 plant = described()
+CROSSOVER = 1 / (2 * np.pi * TAU)
+
+linear = described(linear=True, crossover=CROSSOVER, entry="first_order:linear")
+weighed = described(
+    measured={"K": 0.05}, linear=True, crossover=CROSSOVER, entry="first_order:weighed"
+)
 gauged = described(
     measured={"K": 0.05},
     linear=True,
-    crossover=1 / (2 * np.pi * TAU),
+    crossover=CROSSOVER,
     black_box=(6, 3.0),
     entry="first_order:gauged",
 )

@@ -25,7 +25,7 @@ def number(
     Parameters
     ----------
     name : str
-        What the caller calls the value.
+        Name of the argument.
     value : float
         The value to check.
     above, below : float
@@ -33,7 +33,7 @@ def number(
     at_least, at_most : float
         Inclusive bounds.
     remedy : str
-        What the caller should do instead, a sentence.
+        A sentence with the correction.
     """
     if isinstance(value, bool) or not isinstance(value, Real):
         raise ValueError(f"{name} = {value!r} is not a number. {remedy}".strip())
@@ -63,8 +63,8 @@ def like(
 ) -> float:
     """Return `value` if it is within a factor of 1000 of the `usual` one, or raise ``ValueError``.
 
-    Numerics are safe there, and whatever lies beyond is a mistake of units.  With `zero`,
-    less is as good.
+    Numerics are safe there, and values beyond are mistakes of units.  With `zero`, smaller
+    values are accepted too.
     """
     return number(
         name,
@@ -127,9 +127,9 @@ def function(name: str, value: Any, *, optional: bool = False) -> Any:
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return `value` as an array, or raise where making it float64 would lose or invent something.
+    """Return `value` as an array of real numbers, or raise ``ValueError``.
 
-    A mask and an imaginary part would be dropped, texts and truth values read as numbers.
+    NumPy would drop a mask and an imaginary part, and read text and bool as numbers.
     """
     if np.ma.is_masked(value):
         masked = int(np.ma.getmaskarray(np.ma.asarray(value)).sum())
@@ -147,7 +147,7 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
 
 
 def float_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return `value` as float64, or raise where that would lose or invent something."""
+    """Return `value` as float64, or raise ``ValueError`` where it is not real numbers."""
     real = real_array(name, value)
     try:
         return np.asarray(real, dtype=np.float64)
@@ -164,8 +164,8 @@ def finite_array(
         want is None or want == have for want, have in zip(shape, array.shape, strict=True)
     )
     if not fits:
-        wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ")"
-        raise ValueError(f"{name} has shape {array.shape}, not {wanted}. Reshape it.")
+        expected = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ")"
+        raise ValueError(f"{name} has shape {array.shape}, not {expected}. Reshape it.")
     if not np.isfinite(array).all():
         first = int(np.flatnonzero(~np.isfinite(array.ravel()))[0])
         raise ValueError(

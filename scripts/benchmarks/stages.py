@@ -184,7 +184,9 @@ def first_calls() -> dict[str, dict[str, float]]:
 
 def in_fresh_process(program: str, cache: str | None = None) -> str:
     """What a Python program prints, with the compiled kernels in a folder of its own."""
-    inherited = os.environ | ({} if cache is None else {"NUMBA_CACHE_DIR": cache})
+    inherited = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    if cache is not None:
+        inherited["NUMBA_CACHE_DIR"] = cache
     done = subprocess.run(
         [sys.executable, "-c", program], env=inherited, check=True, capture_output=True, text=True
     )

@@ -8,7 +8,7 @@ interquartile mean with a bootstrap interval over seeds (Agarwal et al., 2021).
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from tuners import Tuner, load, train
 from tuners.agents import training as rl_training
 from tuners.agents.settings import Training
 from tuners.catalogue import UNTRAINED
+from tuners.features import features_named
 from tuners.tuner.evaluation import Evaluation, evaluate
 from yawrate_env.files import write_text
 from yawrate_env.plant.plant import Plant
@@ -90,8 +91,9 @@ def agents(
     done = json.loads(clock.read_text()) if clock.exists() else {}
     if done != {**asdict(settings), "seconds": done.get("seconds")}:  # none, or another length
         start = time.perf_counter()
+        stage = features_named(str(settings.features))  # as yawrate/PITuningFeatures-v0 has it
         snapshots = rl_training.snapshots(
-            settings, yaw_rate(Task()), tuple(files), progress=progress
+            replace(settings, features=stage), yaw_rate(Task()), tuple(files), progress=progress
         )
         done = {"seconds": time.perf_counter() - start, **asdict(settings)}
         for path, (_, tuner) in zip(files.values(), snapshots, strict=True):

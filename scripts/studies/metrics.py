@@ -41,7 +41,14 @@ def bootstrap_interval(
     ----------
     statistic : callable
         Such as ``np.mean`` or ``np.std``; called with ``axis``, that of the B rows.
+
+    Returns
+    -------
+    float, float
+        ``nan`` where a value is not finite.
     """
+    if not np.isfinite(values).all():
+        return np.nan, np.nan
     if len(values) == 1:
         only = float(statistic(values, axis=0))
         return only, only

@@ -292,7 +292,8 @@ def _counts_table(rows: Sequence[dict[str, Any]]) -> str:
     columns = ("recordings", "misses", "unstable", "trusted", "trusted_misses")
     pooled = {key: sum(row[key] for row in rows) for key in columns}
     return table(
-        ("faulty or foreign", "recordings", "gains miss", "unstable", "trusted", "trusted, missing"),
+        ("faulty or foreign", "recordings", "gains miss", "unstable", "trusted",
+         "trusted, missing"),
         [
             (row["kind"] + ("" if row["real"] else " (no vehicle behind it)"),
              *(row[c] for c in columns))

@@ -272,6 +272,20 @@ def test_a_plant_without_measured_parameters_says_so(path):
         read(write(path, LAG.columns), lone, values={"K": 1.0})
 
 
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"synonyms": {"input": "steer"}}, "synonyms input"),
+        ({"synonyms": {"zork": ("steer",)}}, "synonyms.*zork"),
+        ({"cautions": {"swa": 1}}, "cautions swa"),
+        ({"actuator": 1}, "actuator"),
+    ],
+)
+def test_a_plants_names_for_logs_are_checked(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(LAG.plant, **change)
+
+
 # Measured parameters
 
 

@@ -1,58 +1,55 @@
 """Features instead of recordings, actions in [-1, 1]: the two maps and their wrappers."""
 
-import subprocess
-import sys
-import warnings
-
 import gymnasium
 import numpy as np
 import pytest
+from first_order import gauged as plant
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.error import ResetNeeded
-from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import FlattenObservation, RescaleAction
-from recordings import ROOT, recorded
+from recordings import recorded
 
 from tuners.agents.feature_map import ActionMap, FeatureMap
-from tuners.agents.wrappers import Compressed, CompressedVector, LoopAction, LoopActionVector
-from tuners.features import compressor
+from tuners.agents.wrappers import (
+    FeatureObservation,
+    FeatureVectorObservation,
+    UnitAction,
+    UnitVectorAction,
+)
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
 from tuners.learners.actor import LIMIT
-from tuners.tuner.recording import Recording
+from tuners.tuner.training import features_for
+from yawrate_env import ENV_ID, FEATURES_ID, NONLINEAR_ID, PLANT_FEATURES_ID, PLANT_ID
 from yawrate_env.loop.target import Target
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops
+from yawrate_env.plant.episodes import sample
 from yawrate_env.vehicle.task import Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
-PLAIN, FEATURES = "yawrate/PITuning-v0", "yawrate/PITuningFeatures-v0"
 SHORT = {"Ts": 0.01, "N": 300}  # the least that ARMAX takes
 VARIANTS = {
     "laguerre": {},
-    "armax": {"compressor": "armax"},
+    "armax": {"features": "armax"},
     "random": {"register": "random", "v_x": [10, 33], "visible": "speed"},
     "context": {"visible": "context", "delay_samples": 1},
-    "decimated": {"decimate": 3, "register": "random"},
-    "armax decimated": {"compressor": "armax", "decimate": 4},
+    "armax decimated": {"features": "armax", "decimate": 4},
 }
 
 
 def scalar(**kwargs):
-    return gymnasium.make(FEATURES, **SHORT | kwargs)
+    return gymnasium.make(FEATURES_ID, **SHORT | kwargs)
 
 
 def batch(count, **kwargs):
-    return gymnasium.make_vec(FEATURES, num_envs=count, **SHORT | kwargs)
+    return gymnasium.make_vec(FEATURES_ID, num_envs=count, **SHORT | kwargs)
 
 
 def plain(**kwargs):
-    return gymnasium.make(PLAIN, **SHORT | kwargs)
+    return gymnasium.make(ENV_ID, **SHORT | kwargs)
 
 
 def plain_batch(count=2, **kwargs):
-    return gymnasium.make_vec(PLAIN, num_envs=count, **SHORT | kwargs)
+    return gymnasium.make_vec(ENV_ID, num_envs=count, **SHORT | kwargs)
 
 
 def actions(count, seed):
@@ -60,102 +57,25 @@ def actions(count, seed):
     return np.random.default_rng(seed).uniform(-1.2, 1.2, (count, 2)).astype(np.float32)
 
 
-def contexts(task, count=300):
-    return CONTEXT_SETS["test"].draw(task.prior, 0, 0, count).context
-
-
-# --- the environment with both wrappers
-
-
-@pytest.mark.parametrize("package", ["yawrate_env", "tuners"])
-def test_either_import_registers_it(package):
-    program = f"import gymnasium, {package}; gymnasium.make('{FEATURES}', N=500).reset(seed=0)"
-    subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=ROOT, check=True)
-
-
-@pytest.mark.parametrize("name", VARIANTS)
-def test_gymnasiums_checker_minds_the_wrappers_only(name):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        check_env(scalar(**VARIANTS[name]), skip_render_check=True)
-    messages = [str(warning.message) for warning in caught]
-    # It prefers bare environments, and this one is made of wrappers.
-    assert len(messages) == 1 and "different from the unwrapped version" in messages[0], messages
-
-
-@pytest.mark.parametrize("name", VARIANTS)
-@pytest.mark.parametrize(("count", "rows"), [(1, [0]), (11, [0, 7, 10])])
-def test_each_row_of_the_batch_is_a_scalar_environment(name, count, rows):
-    many, ones = batch(count, **VARIANTS[name]), {i: scalar(**VARIANTS[name]) for i in rows}
-    for space in ("observation_space", "action_space"):
-        assert getattr(many, f"single_{space}") == getattr(ones[0], space)
-    obs, info = many.reset(seed=40)
-    assert info == {} and many.observation_space.contains(obs)
-    # Matrix products of several right-hand sides round otherwise than of one.
-    same = {"rtol": 0, "atol": 1e-5}
-    for i, one in ones.items():
-        np.testing.assert_allclose(obs[i], one.reset(seed=40 + i)[0], **same)
-    for k in range(3):
-        before = obs
-        obs, rewards, terminated, truncated, infos = many.step(actions(count, k))
-        assert terminated.all() and not truncated.any()
-        assert infos["_final_obs"].all() and infos["final_obs"].dtype == object
-        np.testing.assert_array_equal(np.stack(infos["final_obs"]), before)
-        for i, one in ones.items():
-            final_obs, reward, _, _, info = one.step(actions(count, k)[i])
-            np.testing.assert_allclose(infos["final_obs"][i], final_obs, **same)
-            assert rewards[i] == reward
-            assert set(info) == {key for key in infos["final_info"] if key[0] != "_"}
-            for key, value in info.items():
-                np.testing.assert_array_equal(infos["final_info"][key][i], value)
-            np.testing.assert_allclose(obs[i], one.reset()[0], **same)
+# --- the wrappers
 
 
 def test_either_order_gives_the_same():
-    one, other = Compressed(LoopAction(plain())), LoopAction(Compressed(plain()))
-    many = CompressedVector(LoopActionVector(plain_batch())), batch(2)
-    for a, b in ((one, other), many):
+    one = FeatureObservation(UnitAction(plain())), UnitAction(FeatureObservation(plain()))
+    many = FeatureVectorObservation(UnitVectorAction(plain_batch())), batch(2)
+    for (a, b), action in ((one, actions(2, 0)[0]), (many, actions(2, 0))):
         assert a.observation_space == b.observation_space and a.action_space == b.action_space
         np.testing.assert_array_equal(a.reset(seed=1)[0], b.reset(seed=1)[0])
-        action = actions(2, 0) if a is many[0] else actions(2, 0)[0]
         x, y = a.step(action), b.step(action)
         np.testing.assert_array_equal(x[0], y[0])
         np.testing.assert_array_equal(x[1], y[1])
 
 
-@pytest.mark.parametrize("kwargs", [*VARIANTS.values(), {"phase_margin": 50.0, "mu_s": [0.4, 0.9]}])
-def test_specs_survive_json(kwargs):
-    env = scalar(**kwargs)
-    again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
-    assert again.spec == env.spec
-    np.testing.assert_array_equal(env.reset(seed=2)[0], again.reset(seed=2)[0])
-    assert env.step(actions(1, 0)[0])[1] == again.step(actions(1, 0)[0])[1]
-
-
-def test_specs_keep_the_compressors_settings():
-    env = LoopAction(Compressed(plain(), "laguerre", order=6, pole=9.0))
+def test_specs_keep_the_features_settings():
+    env = UnitAction(FeatureObservation(plain(), "laguerre", order=6, pole=9.0))
     again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
     assert again.observation_space.shape == (6,)
     np.testing.assert_array_equal(env.reset(seed=2)[0], again.reset(seed=2)[0])
-
-
-def test_partial_resets_and_pins_reach_the_environment():
-    env = batch(4)
-    before, _ = env.reset(seed=3)
-    mask = np.array([False, True, False, True])
-    after, _ = env.reset(options={"reset_mask": mask, "mu_s": [0.35, 0.45, 0.55, 0.65]})
-    np.testing.assert_array_equal((before == after).all(axis=1), ~mask)
-    info = env.step(actions(4, 0))[4]
-    assert info["final_info"]["mu_s"][mask].tolist() == [0.45, 0.65]
-    np.testing.assert_array_equal(np.stack(info["final_obs"]), after)
-
-
-def test_what_is_shown_belongs_to_the_caller():
-    env = batch(2)
-    obs, _ = env.reset(seed=0)
-    kept = obs.copy()
-    obs[:] = 0
-    np.testing.assert_array_equal(np.stack(env.step(actions(2, 0))[4]["final_obs"]), kept)
 
 
 def test_environments_do_not_share_their_spaces_generators():
@@ -168,89 +88,67 @@ def test_environments_do_not_share_their_spaces_generators():
             np.testing.assert_array_equal(getattr(one, space).sample(), expected)
 
 
-def test_the_first_reset_comes_first():
-    with pytest.raises(ResetNeeded):
-        batch(2).step(actions(2, 0))
-    with pytest.raises(ResetNeeded):
-        scalar().step(actions(1, 0)[0])
-
-
 class Foreign(gymnasium.Env):
     observation_space = action_space = gymnasium.spaces.Box(-1, 1, (2,))
 
 
+def gymnasiums():
+    same_step = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    return gymnasium.make_vec(
+        ENV_ID, num_envs=2, vectorization_mode="sync", vector_kwargs=same_step, **SHORT
+    )
+
+
 @pytest.mark.parametrize(
-    ("wrap", "env", "remedy"),
+    ("wrap", "env", "message"),
     [
-        (Compressed, Foreign, "Foreign cannot be wrapped here"),
-        (LoopAction, Foreign, "Foreign cannot be wrapped here"),
-        (Compressed, plain_batch, r"gymnasium.make\("),
-        (LoopAction, plain_batch, r"gymnasium.make\("),
-        (CompressedVector, plain, r"gymnasium.make_vec\("),
-        (LoopActionVector, plain, r"gymnasium.make_vec\("),
-        (CompressedVector, lambda: None, "NoneType cannot be wrapped"),
-        (Compressed, lambda: Compressed(plain()), "changed the observation_space already"),
-        (Compressed, lambda: FlattenObservation(plain()), "changed the observation_space"),
-        (LoopAction, lambda: LoopAction(plain()), "changed the action_space already"),
-        (LoopAction, lambda: RescaleAction(plain(), -1, 1), "changed the action_space"),
-        (CompressedVector, lambda: batch(2), "changed the single_observation_space"),
-        (LoopActionVector, lambda: batch(2), "changed the single_action_space"),
+        (FeatureObservation, Foreign, "Foreign"),
+        (UnitAction, Foreign, "Foreign"),
+        (FeatureObservation, plain_batch, r"gymnasium.make\("),
+        (UnitAction, plain_batch, r"gymnasium.make\("),
+        (FeatureVectorObservation, plain, r"gymnasium.make_vec\("),
+        (UnitVectorAction, plain, r"gymnasium.make_vec\("),
+        (FeatureVectorObservation, gymnasiums, "SyncVectorEnv"),
+        (UnitVectorAction, gymnasiums, "SyncVectorEnv"),
+        (FeatureVectorObservation, lambda: None, "NoneType"),
+        (FeatureObservation, lambda: FeatureObservation(plain()), "observation_space"),
+        (FeatureObservation, lambda: FlattenObservation(plain()), "observation_space"),
+        (UnitAction, lambda: UnitAction(plain()), "action_space"),
+        (UnitAction, lambda: RescaleAction(plain(), -1, 1), "action_space"),
+        (FeatureVectorObservation, lambda: batch(2), "single_observation_space"),
+        (UnitVectorAction, lambda: batch(2), "single_action_space"),
     ],
 )
-def test_wrong_environments_are_refused(wrap, env, remedy):
-    with pytest.raises(ValueError, match=remedy) as raised:
+def test_wrong_environments_are_refused(wrap, env, message):
+    with pytest.raises(ValueError, match=f"env.*{message}") as raised:
         wrap(env())
-    assert f'("{PLAIN}")' in str(raised.value)
-
-
-@pytest.mark.parametrize("wrap", [CompressedVector, LoopActionVector])
-def test_gymnasiums_own_batches_are_refused(wrap):
-    theirs = gymnasium.make_vec(
-        PLAIN, num_envs=2, vectorization_mode="sync",
-        vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}, **SHORT,
-    )  # fmt: skip
-    with pytest.raises(ValueError, match="SyncVectorEnv cannot be wrapped"):
-        wrap(theirs)
-
-
-@pytest.mark.parametrize("make", [scalar, lambda **kwargs: batch(2, **kwargs)])
-def test_unknown_compressors_are_refused(make):
-    with pytest.raises(ValueError, match="compressor = 'fourier'.*armax.*laguerre"):
-        make(compressor="fourier")
-
-
-def test_unknown_settings_are_refused():
-    with pytest.raises(ValueError, match="compressor 'laguerre'.*poles"):
-        Compressed(plain(), "laguerre", poles=3)
+    assert f'("{ENV_ID}")' in str(raised.value)
 
 
 @pytest.mark.parametrize(
-    ("action", "message"),
+    "make",
     [
-        ([np.nan, 0], "action has nan"),
-        ([0], "action has shape"),
-        ([0, 0, 0], "action has shape"),
-        ("fast", "not an array of numbers"),
+        scalar,
+        lambda **kwargs: batch(2, **kwargs),
+        lambda **kwargs: gymnasium.make(PLANT_FEATURES_ID, plant=plant, **kwargs),
     ],
 )
-def test_bad_actions_are_refused(action, message):
-    one, many = scalar().unwrapped, batch(2)
-    for env, given in ((LoopAction(one), action), (many, [action, action])):
-        env.reset(seed=0)
-        with pytest.raises(ValueError, match=message):
-            env.step(np.array(given))
+def test_unknown_features_are_refused(make):
+    with pytest.raises(ValueError, match="features = 'fourier'.*armax.*laguerre"):
+        make(features="fourier")
+
+
+@pytest.mark.parametrize("env", [plain, lambda: gymnasium.make(PLANT_ID, plant=plant)])
+def test_unknown_settings_are_refused(env):
+    with pytest.raises(ValueError, match="features 'laguerre'.*poles"):
+        FeatureObservation(env(), "laguerre", poles=3)
 
 
 # --- features
 
 
-def vehicles(first_stage, **kwargs):
-    return FeatureMap.of(yaw_rate(Task()), first_stage, **kwargs)
-
-
-def shown(recording, names=()):
-    """As a map takes it."""
-    return recording.u, recording.y, recording.Ts, recording.beside(names)
+def vehicles(features, of_parameters=lambda theta: theta[:, :0]):
+    return FeatureMap.of(yaw_rate(Task()), features, of_parameters)
 
 
 @pytest.mark.parametrize("name", VARIANTS)
@@ -265,55 +163,66 @@ def test_features_are_standardised_over_the_prior(name):
     assert np.abs(obs).max() < LIMIT
 
 
-@pytest.mark.parametrize("first_stage", [Laguerre(), Armax()], ids=["laguerre", "armax"])
-def test_features_are_the_compressors(first_stage):
-    given = recorded(6)
-    found = vehicles(first_stage)
-    features, usable = found(*shown(given))
-    raw, _ = first_stage(given.u, given.y, given.Ts)
-    assert usable.all() and features.dtype == np.float32
-    np.testing.assert_allclose(features * found.scale + found.mean, raw, rtol=1e-5, atol=1e-7)
+@pytest.mark.parametrize("features", [Laguerre(), Armax()], ids=["laguerre", "armax"])
+def test_features_are_the_first_stages(features):
+    given, found = recorded(6), vehicles(features)
+    values, usable = found(given.u, given.y, given.Ts, np.empty((6, 0)))
+    raw, _ = features(given.u, given.y, given.Ts)
+    assert usable.all() and values.dtype == np.float32
+    np.testing.assert_allclose(values * found.scale + found.mean, raw, rtol=1e-5, atol=1e-7)
 
 
-def test_the_visible_context_is_appended():
-    given, names = recorded(6), ("v_x", "mu_s", "M_delta")
-    found = vehicles(Laguerre(), beside=lambda theta: theta[:, [2, 0, 1]])
-    values, _ = found.raw(*shown(given, names))
+def test_known_parameters_are_appended():
+    given, visible = recorded(6), [2, 0, 1]
+    found = vehicles(Laguerre(), lambda theta: theta[:, visible])
+    known = given.known[:, visible]
+    values, _ = found.raw(given.u, given.y, given.Ts, known)
     assert values.shape == (6, 13)
-    for column, name in zip(values.T[-3:], names, strict=True):
-        np.testing.assert_array_equal(column, getattr(given.context, name))
-    np.testing.assert_array_equal(found(*shown(given, names))[0][:, 10], 0)  # one speed only
-    untold = Recording(given.u, given.y, given.Ts, given.v_x)
-    with pytest.raises(ValueError, match="must come with v_x, mu_s, M_delta"):
-        untold.beside(names)
-    np.testing.assert_array_equal(untold.beside(("v_x",)), given.v_x[:, None])
-    with pytest.raises(ValueError, match="must come with v_x"):
-        Recording(given.u, given.y, given.Ts).beside(("v_x",))
+    np.testing.assert_array_equal(values[:, 10:], known)
+    standard, _ = found(given.u, given.y, given.Ts, known)
+    np.testing.assert_array_equal(standard[:, 10], 0)  # one speed only
+
+
+@pytest.mark.parametrize(
+    ("env", "name", "as_feature"),
+    [
+        (lambda: plain(v_x=[10, 33], visible="speed"), "v_x", float),
+        (lambda: gymnasium.make(PLANT_ID, plant=plant), "K", np.log),
+    ],
+)
+def test_a_vehicles_parameters_are_features_as_they_are_a_plants_by_logarithm(
+    env, name, as_feature
+):
+    env = FeatureObservation(env())
+    obs, _ = env.reset(seed=0)
+    known = as_feature(env.step(env.action_space.sample())[4][name])
+    assert obs[-1] == pytest.approx((known - env.map.mean[-1]) / env.map.scale[-1], rel=1e-5)
+
+
+def test_laguerre_features_of_a_plant_are_those_of_its_recipe():
+    assert FeatureObservation(plain()).map.features == Laguerre(10, 12.0)
+    found = FeatureObservation(gymnasium.make(PLANT_ID, plant=plant))
+    assert found.map.features == features_for(plant)
 
 
 def test_unusable_recordings_give_zeros_and_say_so():
     given = recorded(2)
-    features, usable = vehicles(Laguerre())(np.zeros_like(given.u), *shown(given)[1:])
+    u = np.zeros_like(given.u)
+    features, usable = vehicles(Laguerre())(u, given.y, given.Ts, np.empty((2, 0)))
     assert not usable.any() and not features.any()
 
 
 def test_outliers_are_clipped():
     given = recorded(2)
-    u, y, *rest = shown(given)
-    features, _ = vehicles(Laguerre())(u, 100 * y, *rest)
-    assert np.abs(features).max() == LIMIT
+    values, _ = vehicles(Laguerre())(given.u, 100 * given.y, given.Ts, np.empty((2, 0)))
+    assert np.abs(values).max() == LIMIT
 
 
 def test_no_usable_features_at_all_is_an_error(monkeypatch):
     nothing = lambda self, u, y, Ts: (np.full((len(y), 6), np.nan), np.zeros(len(y), bool))  # noqa: E731
     monkeypatch.setattr(Armax, "__call__", nothing)
-    with pytest.raises(ValueError, match="Armax finds no usable features"):
+    with pytest.raises(ValueError, match="features = Armax"):
         vehicles(Armax())
-
-
-def test_compressors_by_name():
-    assert compressor("laguerre", order=8) == Laguerre(order=8)
-    assert compressor("armax") == Armax()
 
 
 @pytest.mark.parametrize(
@@ -324,7 +233,16 @@ def test_compressors_by_name():
     ],
 )
 def test_features_are_what_they_always_were(name, first):
-    np.testing.assert_allclose(scalar(compressor=name).reset(seed=0)[0][:5], first, atol=1e-5)
+    np.testing.assert_allclose(scalar(features=name).reset(seed=0)[0][:5], first, atol=1e-5)
+
+
+def test_features_of_the_nonlinear_vehicle():
+    hard = SHORT | {"amplitude": 0.07}
+    own, _ = scalar(nonlinear=True, **hard).reset(seed=4)
+    wrapped = UnitAction(FeatureObservation(gymnasium.make(NONLINEAR_ID, **hard)))
+    np.testing.assert_array_equal(wrapped.reset(seed=4)[0], own)
+    linear, _ = scalar(**hard).reset(seed=4)
+    assert np.abs(linear - own).max() > 0.1
 
 
 # --- actions
@@ -340,8 +258,7 @@ TASKS = {
 @pytest.mark.parametrize("name", TASKS)
 def test_the_range_holds_every_oracle_with_room_to_spare(name):
     task = TASKS[name]
-    oracle = loops(task, contexts(task)).design()
-    gains = np.stack([oracle.kp, oracle.Ti], axis=1)
+    gains = yaw_rate(task).oracle(sample(yaw_rate(task), 300))
     used = (found := ActionMap.of(yaw_rate(task))).actions(gains)
     assert np.abs(used).max() < 1
     np.testing.assert_allclose(found.gains(used), gains, rtol=1e-9)
@@ -390,7 +307,7 @@ def test_corners_are_gains_that_the_environment_takes():
 
 def test_a_step_in_phase_is_a_step_in_phase_margin():
     # Design.md, section 3: at the target crossover the phase is the margin, one to one.
-    env = LoopAction(plain(mu_s=0.7, M_delta=150.0))
+    env = UnitAction(plain(mu_s=0.7, M_delta=150.0))
     env.reset(seed=0)
     info = env.step(np.zeros(2))[4]
     oracle = env.map.actions(np.array([[info["oracle_kp"], info["oracle_Ti"]]]))[0]
@@ -399,24 +316,8 @@ def test_a_step_in_phase_is_a_step_in_phase_margin():
     assert env.step(oracle - step)[4]["phase_margin"] == pytest.approx(55, abs=1e-6)
 
 
-def test_the_nonlinear_environment_is_wrapped_alike():
-    name = "yawrate/PITuningNonlinear-v0"
-    kwargs = SHORT | {"amplitude": 0.07}
-    one = LoopAction(Compressed(gymnasium.make(name, **kwargs)))
-    many = LoopActionVector(CompressedVector(gymnasium.make_vec(name, num_envs=3, **kwargs)))
-    obs, _ = one.reset(seed=0)
-    assert one.observation_space.contains(obs)
-    np.testing.assert_array_equal(many.reset(seed=0)[0][0], obs)
-    action = np.zeros((3, 2), dtype=np.float32)
-    assert many.step(action)[1][0] == one.step(action[0])[1]
-    plain, _ = LoopAction(Compressed(gymnasium.make(PLAIN, **kwargs))).reset(seed=0)
-    assert np.abs(plain - obs).max() > 0.01  # features of another vehicle
-
-
-def test_features_of_the_nonlinear_vehicle():
-    hard = {"nonlinear": True, "amplitude": 0.07, "Ts": 0.01, "N": 300}
-    one, batch = gymnasium.make(FEATURES, **hard), gymnasium.make_vec(FEATURES, 2, **hard)
-    own = one.reset(seed=4)[0]
-    np.testing.assert_array_equal(batch.reset(seed=4)[0][0], own)
-    linear = gymnasium.make(FEATURES, **(hard | {"nonlinear": False}))
-    assert np.abs(linear.reset(seed=4)[0] - own).max() > 0.1
+def test_a_plants_actions_hold_what_its_prior_needs():
+    gains = plant.oracle(sample(plant, 300))
+    used = (found := ActionMap.of(plant)).actions(gains)
+    assert np.abs(used).max() < 1
+    np.testing.assert_allclose(found.gains(used), gains, rtol=1e-9)

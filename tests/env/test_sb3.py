@@ -48,7 +48,7 @@ def complaints(env):
 
 @pytest.mark.parametrize(
     "kwargs",
-    [{}, {"compressor": "armax"}, {"visible": "context", "decimate": 2}],
+    [{}, {"features": "armax"}, {"visible": "context", "decimate": 2}],
     ids=str,
 )
 def test_the_checker_has_nothing_to_say_about_the_features(kwargs):

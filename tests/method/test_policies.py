@@ -277,11 +277,6 @@ def test_policy_and_model_go_through_the_script(agents):
 
 
 WRONG = {
-    "nothing": [],
-    "no module": ["--policy", "absent:make"],
-    "no predict": ["--policy", "types:SimpleNamespace"],
-    "no file": ["--sb3", "absent.zip", "--algo", PPO],
-    "no model": ["--sb3", "my_agents.py", "--algo", PPO],
     "no algorithm": ["--sb3", "my_agents.py"],
     "wrong answer": ["--policy", "my_agents:Wrong", "--episodes", "2"],
 }

@@ -5,23 +5,26 @@ import json
 import numpy as np
 import pytest
 
+import tuners
 from studies import budget, learning, learning_plot, million, nested
 from studies.rows import errors, row
-from tuners.catalogue import RECIPES
-from tuners.features import Laguerre
-from tuners.tuner.baselines import Nominal
+from tuners import RECIPES
+from tuners.features.laguerre import Laguerre
 from tuners.tuner.evaluation import evaluate
-from yawrate_env.plant.episodes import examples
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from tuners.tuner.examples import examples
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
+PLANT = yaw_rate(Task())
 
-class Unusable(Nominal):
-    """Gains that no loop can run with, for every second episode."""
+
+class Half:
+    """The nominal gains, and none that a loop can run with for every second episode."""
+
+    method = tuners.load("nominal").method
 
     def act(self, recording):
-        actions = super().act(recording)
+        actions = tuners.load("nominal").act(recording)
         actions[::2] = np.nan
         return actions
 
@@ -31,10 +34,10 @@ def untrained(monkeypatch):
     """Replace every training by the fixed controller; a list of what was asked for."""
     asked = []
 
-    def trained(recipe, task, parts, vehicles, draws, progress=None):
+    def trained(recipe, plant, parts, vehicles, draws, progress=None):
         asked.append((recipe, vehicles, draws, len(nested.first(parts, vehicles, draws))))
-        tuner = Nominal(task)
-        tuner.training = {"noise_draws": draws}
+        tuner = tuners.load("nominal", plant)
+        tuner.training["noise_draws"] = draws
         return tuner
 
     monkeypatch.setattr(nested, "trained", trained)
@@ -43,10 +46,10 @@ def untrained(monkeypatch):
 
 def test_nested_sets_are_what_separate_simulations_give():
     stage, wanted = Laguerre(4, 12.0), {20: 3, 150: 1}
-    parts = nested.simulate(Task(), stage, wanted)
+    parts = nested.simulate(PLANT, stage, wanted)
     assert [len(part) for part in parts] == [150, 20, 20]
     for vehicles, draws in wanted.items():
-        alone = examples(yaw_rate(Task()), vehicles, 0, stage, noise_draws=draws)
+        alone = examples(PLANT, vehicles, 0, stage, noise_draws=draws)
         found = nested.first(parts, vehicles, draws)
         for name in ("number", "features", "usable"):
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
@@ -69,7 +72,7 @@ def test_a_row_counts_what_has_no_margin_and_leaves_it_out():
     )
     assert found["phase_margin"]["rms"] == pytest.approx(12.5**0.5)
     assert found["phase_margin"]["ratio"] == pytest.approx(12.5**0.5)
-    off = errors(Unusable(Task()), Task(), 6, 0)
+    off = errors(Half(), PLANT, 6, 0)
     assert np.isnan(off[::2]).all() and np.isfinite(off[1::2]).all()
 
 
@@ -88,8 +91,8 @@ def test_learning_goes_on_where_it_was_cut_off(tmp_path, untrained):
     kept["rows"] = [r for r in kept["rows"] if r["name"] not in ("gb", "ts-ff")]
     path.write_text(json.dumps(kept))
     after = learn([60, 70])
-    again = {(recipe.compressor, vehicles) for recipe, vehicles, _, _ in untrained}
-    assert len(untrained) == 5 and (RECIPES["ts-ff"].compressor, 60) in again
+    again = {(recipe.features, vehicles) for recipe, vehicles, _, _ in untrained}
+    assert len(untrained) == 5 and (RECIPES["ts-ff"].features, 60) in again
     assert len(after) == 3 + 8 and len({(r["name"], r["vehicles"]) for r in after}) == 11
     with pytest.raises(ValueError, match="'episodes': 4.*not.*'episodes': 5.*Delete"):
         learning.learn(path, [60], episodes=5)
@@ -104,8 +107,6 @@ def test_the_learning_figure_shows_the_rows(tmp_path, untrained):
         values = {n: [r[quantity]["rms"] for r in rows if r["name"] == n] for n in learning.TUNERS}
         assert {tuple(v) for v in values.values()} <= drawn
         assert (rows[0][quantity]["rms"],) * 2 in drawn  # the bound
-    lines = learning.to_markdown(rows).splitlines()
-    assert len(lines) == 2 + 3 + 8 and lines[5].startswith("| `ts-ff-lag` | 60 × 12 |")
 
 
 def test_the_budget_adds_losses_step_by_step(untrained):
@@ -117,12 +118,10 @@ def test_the_budget_adds_losses_step_by_step(untrained):
         informed = [r for r in rows if r["tuner"] == tuner and "information" in r["name"]]
         ratios = [1.0, *(r["phase_margin"]["ratio"] for r in informed)]
         assert (np.diff(ratios) > 0).all()
-    # One best network a compressor, the own learner thrice; only the last predicts gains.
+    # One best network a first stage, the own learner thrice; only the last predicts gains.
     assert len(untrained) == 2 * (1 + 2 * 3)
-    assert sum(recipe.coordinates == "gains" for recipe, *_ in untrained) == 4
+    assert sum(recipe.parametrisation == "gains" for recipe, *_ in untrained) == 4
     assert sum(recipe.learner == budget.BEST for recipe, *_ in untrained) == 2
-    table = budget.to_markdown(rows).splitlines()
-    assert len(table) == 2 + len(rows) and len({line.count("|") for line in table}) == 1
 
 
 @pytest.fixture
@@ -132,7 +131,7 @@ def small_chunks(monkeypatch):
 
 
 def test_a_killed_million_goes_on_to_the_same_end(tmp_path, small_chunks):
-    players = {"nominal": Nominal(Task())}
+    players = {"nominal": tuners.load("nominal")}
     whole = million.run(players, 100, tmp_path / "whole.json")
 
     def die(what, done, of):
@@ -152,17 +151,17 @@ def test_a_killed_million_goes_on_to_the_same_end(tmp_path, small_chunks):
 
 
 def test_the_tally_against_all_the_numbers(tmp_path, small_chunks):
-    state = million.run({"nominal": Nominal(Task())}, 100, tmp_path / "m.json", seed=7)
-    (found,) = evaluate(
-        {"": Nominal(Task())}, Task(), CONTEXT_SETS["test"], episodes=100, seed=7, batch=16
-    )
+    state = million.run({"nominal": tuners.load("nominal")}, 100, tmp_path / "m.json", seed=7)
+    players = {"": tuners.load("nominal")}
+    (found,) = evaluate(players, PLANT, "test", episodes=100, seed=7, batch=16)
     tally = state["tuners"]["nominal"]
     assert tally["unstable"] == (~found.stable).sum()
-    for name, target in (("phase_margin", 60.0), ("crossover", 1.5)):
-        values, entry = getattr(found, name), tally[name]
+    names = ("phase_margin", 60.0), ("crossover", 1.5)
+    for (name, target), values in zip(names, found.metrics.T, strict=True):
+        entry = tally[name]
         for end, at in (("lowest", values.argmin()), ("highest", values.argmax())):
             assert entry[end]["episode"] == at and entry[end]["value"] == values[at]
-            assert entry[end]["mu_s"] == found.context.mu_s[at]
+            assert entry[end]["mu_s"] == found.theta[at, 0]
         off = np.sort(abs(values - target))
         assert entry["squares"] == pytest.approx((off**2).sum())
         for level, k in ((0.5, 49), (0.9, 89), (0.99, 98)):
@@ -170,7 +169,7 @@ def test_the_tally_against_all_the_numbers(tmp_path, small_chunks):
 
 
 def test_what_has_no_loop_is_counted_as_unstable(tmp_path, small_chunks):
-    state = million.run({"half": Unusable(Task())}, 40, tmp_path / "m.json")
+    state = million.run({"half": Half()}, 40, tmp_path / "m.json")
     tally = state["tuners"]["half"]
     assert tally["unstable"] == 20 and sum(tally["crossover"]["histogram"].values()) == 20
     assert "Unstable loops: `half` 20" in million.to_markdown(state)

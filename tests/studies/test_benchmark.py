@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from recordings import drawn, recorded
+from recordings import recorded, vehicles
 
 from benchmarks import page, rivals, stages
 from benchmarks.stopwatch import Contender, race
+from benchmarks.throughput import measure
 from tuners.features.laguerre import Laguerre
-from tuners.trust.vehicle_identification import identify
-from tuners.tuner.tuner import nominal_context
-from yawrate_env.loop.simulation import simulate
-from yawrate_env.vehicle.episode import plants
-from yawrate_env.vehicle.single_track import Vehicle
-from yawrate_env.vehicle.task import Prior, Task
+from tuners.trust.identification import identify
+from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
+
+PLANT = yaw_rate(Task())
 
 
 def test_contenders_take_turns_and_the_first_is_compared_with_all():
@@ -31,14 +31,12 @@ def test_contenders_take_turns_and_the_first_is_compared_with_all():
 
 
 def test_rivals_simulate_the_same_vehicle():
-    u = recorded(1).u
-    ours = simulate(plants(Vehicle(), drawn(1).context, 0.001), u)[0]
-    found = {
-        name: work() for name, work in rivals.simulations(Task(), drawn(1).context, u[0]).items()
-    }
-    assert len(found) == 3
-    for y in found.values():
-        np.testing.assert_allclose(y, ours, rtol=0, atol=1e-9 * np.abs(ours).max())
+    recording = recorded(1)
+    ours = PLANT.respond(recording.known, recording.u)[0]
+    works = rivals.simulations(Task(), vehicles(recording), recording.u[0])
+    assert len(works) == 3
+    for work in works.values():
+        np.testing.assert_allclose(work(), ours, rtol=0, atol=1e-9 * np.abs(ours).max())
 
 
 def test_rivals_fit_the_same_models():
@@ -49,10 +47,9 @@ def test_rivals_fit_the_same_models():
 
 @pytest.mark.slow  # python-control simulates twenty times
 def test_rivals_identify_the_same_vehicle():
-    recording, start = recorded(1), nominal_context(Prior())
-    ours = identify(Vehicle(), recording, start, start.v_x).context
-    found = rivals.gray_box(Task(), recording)()
-    np.testing.assert_allclose(found, [ours.mu_s[0], ours.M_delta[0]], rtol=1e-6)
+    recording = recorded(1)
+    ours = identify(PLANT, recording.u, recording.y).theta[0, :2]
+    np.testing.assert_allclose(rivals.gray_box(Task(), recording)(), ours, rtol=1e-6)
 
 
 def test_simulation_leaves_python_control_behind():
@@ -109,3 +106,13 @@ def test_the_picture_shows_every_tuner():
     assert isinstance(picture, Figure)
     labels = [text.get_text() for text in picture.axes[0].get_yticklabels()]
     assert labels == list(stages.TUNERS)
+
+
+def test_a_batch_beats_scalar_environments_one_after_the_other():
+    found = measure(num_envs=32, rounds=3)
+    first, *_ = found
+    assert first == "batch environment, 32" and found[first]["ratio"]["median"] == 1
+    # About 4 where nothing else runs: a ratio below 1 would mean that batching costs time.
+    assert found["SyncVectorEnv"]["ratio"]["median"] > 1
+    assert found["plain loop over reset and step"]["ratio"]["median"] > 1
+    assert all(f["milliseconds"]["least"] > 0 for f in found.values())

@@ -10,13 +10,14 @@ from matplotlib.figure import Figure
 from scipy.stats import trim_mean
 
 from studies import comparison, curve_plots, plots
-from studies.comparison import Score, curve, interquartile_mean, interval
-from tuners.agents import rl_tuner as rl
+from studies.comparison import Score, curve, interquartile_mean
+from studies.metrics import bootstrap_interval
 from tuners.agents import training as rl_training
+from tuners.agents.settings import Training
 from tuners.cli.report import palette
 from tuners.tuner.evaluation import Evaluation
-from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 
 def made(name="sac", episodes=1000, seed=0, error=0.1, std=0.5, seconds=9.0):
@@ -51,21 +52,9 @@ def test_interquartile_mean_is_equivariant_and_ignores_the_order():
     assert interquartile_mean(-values) == pytest.approx(-expected)
 
 
-def test_interval_of_equal_runs_is_a_point():
-    assert interval(np.full(5, 2.5)) == (2.5, 2.5)
-    assert interval(np.array([2.5])) == (2.5, 2.5)
-
-
-def test_interval_is_reproducible_and_holds_the_mean():
-    values = np.random.default_rng(1).normal(size=9)
-    low, high = interval(values)
-    assert (low, high) == interval(values) != interval(values, seed=1)
-    assert values.min() <= low < interquartile_mean(values) < high <= values.max()
-
-
 def test_interval_has_the_width_of_a_trimmed_normal_mean():
     values = np.random.default_rng(2).normal(size=2000)
-    low, high = interval(values)
+    low, high = bootstrap_interval(values, interquartile_mean)
     # Asymptotic variance of the 25 % trimmed mean of a normal sample: 1.195/n.
     assert (high - low) == pytest.approx(2 * 1.96 * np.sqrt(1.195 / 2000), rel=0.1)
 
@@ -81,17 +70,18 @@ def test_curve_has_a_point_a_size():
 
 def test_scores_sum_up_the_margins():
     pm, fc = np.array([50.0, 60.0, 70.0, 60.0]), np.array([1.5, 1.5, 1.5, 2.0])
-    context = Context.of(np.full(4, 0.7), np.zeros(4), np.full(4, 20.0))
+    plant, metrics = yaw_rate(Task()), np.stack([pm, fc], axis=1)
     stable = np.array([True, True, False, True])
-    given = Evaluation("x", context, pm, pm, pm, fc, stable, pm)
-    found = comparison.score(given, Task(), 500, 3, 12.0)
+    theta = np.repeat(plant.middle, 4, axis=0)
+    given = Evaluation("x", plant, theta, metrics, metrics, stable, pm)
+    found = comparison.score(given, 500, 3, 12.0)
     assert (found.name, found.episodes, found.seed, found.seconds) == ("x", 500, 3, 12.0)
     assert found.error == pytest.approx((1 + 0 + 1 + 2) / 4)
     assert found.phase_margin == pytest.approx((60, np.sqrt(50)))
     assert found.crossover == pytest.approx((1.625, pytest.approx(np.std(fc))))
     assert found.unstable == 1
-    lost = replace(given, phase_margin=np.array([np.nan, 60.0, 60.0, 60.0]))
-    assert np.isnan(comparison.score(lost, Task(), 500, 3).error)
+    metrics[0, 0] = np.nan
+    assert np.isnan(comparison.score(given, 500, 3).error)
 
 
 def test_sizes_end_where_the_training_does():
@@ -105,15 +95,6 @@ def test_sizes_end_where_the_training_does():
 
 def seeds(name="sac", stds=(0.3, 0.1, 0.2), **others):
     return [made(name, seed=i, std=std, **others) for i, std in enumerate(stds)]
-
-
-def test_markdown_has_every_seed_and_the_median():
-    scores = [*seeds(), *seeds(episodes=500), *seeds("ppo", (0.4,)), made("ts-ff", seconds=0.0)]
-    lines = comparison.to_markdown(scores, 1000).splitlines()
-    assert len(lines) == 2 + 4 + 2 and "ts-ff" not in "".join(lines)
-    assert lines[2] == "| `sac` | 0 | 60.100 ± 0.300 | 1.4900 ± 0.0100 | 0 | 9 |"
-    assert lines[5] == "| **`sac`** | median | **60.100 ± 0.200** | **1.4900 ± 0.0100** | 0 | 9 |"
-    assert lines[7].startswith("| **`ppo`** | median | **60.100 ± 0.400**")
 
 
 def test_written_scores_can_be_read(tmp_path):
@@ -137,16 +118,16 @@ def training(monkeypatch):
     """A training that only counts."""
     asked = []
 
-    def train(kwargs, settings, *, at, progress=None):
+    def snapshots(settings, plant, at, *, progress=None):
         asked.append((settings, at))
         return [(n, Saved(f"{settings.seed} {n} of {at[-1]}")) for n in at]
 
-    monkeypatch.setattr(rl_training, "train", train)
+    monkeypatch.setattr(rl_training, "snapshots", snapshots)
     return asked
 
 
 def test_agents_are_trained_once(training, tmp_path):
-    settings = rl.Training(episodes=1500, seed=4)
+    settings = Training(episodes=1500, seed=4)
     first = comparison.agents(settings, tmp_path / "rl")
     assert list(first) == [500, 1000, 1500]
     assert first == comparison.agents(settings, tmp_path / "rl")
@@ -158,8 +139,8 @@ def test_agents_are_trained_once(training, tmp_path):
 
 def test_agents_of_another_length_are_trained_again(training, tmp_path):
     # The learning rate falls over the whole training: its first part is not a shorter one.
-    comparison.agents(rl.Training(episodes=1500), tmp_path)
-    found = comparison.agents(rl.Training(episodes=2000), tmp_path)
+    comparison.agents(Training(episodes=1500), tmp_path)
+    found = comparison.agents(Training(episodes=2000), tmp_path)
     assert len(training) == 2
     assert found[500][0].read_text() == "0 500 of 2000"
 
@@ -187,7 +168,7 @@ def test_everything_is_trained_and_tested(tmp_path, monkeypatch):
     assert by_name["oracle"].error < 1e-9 < by_name["gb"].error < by_name["nominal"].error
     assert all((s.seconds > 0) == (s.name == "ppo-laguerre") for s in scores)
     assert "training rl" in {what for what, _, _ in calls}
-    monkeypatch.setattr(rl_training, "train", None)  # found again
+    monkeypatch.setattr(rl_training, "snapshots", None)  # found again
     assert found()[-4:] == scores[-4:]
 
 

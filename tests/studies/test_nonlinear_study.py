@@ -1,3 +1,5 @@
+"""The nonlinear study: its scores, its tables' numbers, and what it is timed against."""
+
 import json
 import math
 from dataclasses import replace
@@ -5,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import tuners
 from studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
+from studies.draws import draw
 from studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, ORACLE, Score
 from yawrate_env.batch import take
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import excitation
+from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
 
 NAMES = (LINEAR, GRAY, NONLINEAR, MISTAKEN, ORACLE)
 
@@ -57,26 +60,27 @@ def test_the_picture_shows_tyre_response_and_both_errors(tmp_path):
     assert (tmp_path / "nonlinear.png").stat().st_size > 20_000
 
 
-def test_the_oracle_is_judged_without_error_and_low_friction_apart():
+def test_the_oracle_is_evaluated_without_error_and_low_friction_apart():
     task = nonlinear.task_at(4.0)
-    found = nonlinear.metric_values(task, 4.0, {"gb": nonlinear.GrayBox(task)}, 24, 0)
+    linear = yaw_rate(nonlinear.task_at(4.0, nonlinear=False))
+    found = nonlinear.scored(task, 4.0, {"gb": tuners.load("gb", linear)}, 24, 0)
     by = {(s.tuner, s.low_friction): s for s in found}
     assert by["gb", False].trusted == 0.0 and by[ORACLE, False].trusted is None
     assert by[ORACLE, False].phase_margin < 1e-10 < by["gb", False].phase_margin
-    context = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 24).context
-    assert by["gb", True].episodes == (context.mu_s < 0.5).sum() < by["gb", False].episodes == 24
+    mu_s = draw(yaw_rate(task), "test", 0, 0, 24).theta[:, 0]
+    assert by["gb", True].episodes == (mu_s < 0.5).sum() < by["gb", False].episodes == 24
 
 
 def test_scipys_loop_agrees_with_what_it_is_timed_against():
     task = nonlinear.task_at(4.0)
     task = replace(task, experiment=replace(task.experiment, N=500))
-    draw = CONTEXT_SETS["test"].draw(task.prior, 0, 0, 3)
-    u = excitation(task.experiment, draw.start)
-    few = take(draw.context, slice(0, 1))
+    drawn = draw(yaw_rate(task), "test", 0, 0, 3)
+    u, context = drawn.u, context_of(drawn.theta)
+    few = take(context, slice(0, 1))
     truth = nonlinear_speed._loop(task, few, u, True, "DOP853", 1e-12)
     method, tolerance, error = nonlinear_speed._fastest(task, few, u, True, truth)
     assert error < nonlinear_speed.ERROR and tolerance in nonlinear_speed.TOLERANCES
-    assert np.abs(nonlinear_speed.driven(task, draw.context, u)[:1] - truth).max() < 1e-8
+    assert np.abs(nonlinear_speed.driven(task, context, u)[:1] - truth).max() < 1e-8
     assert method in nonlinear_speed.METHODS
 
 

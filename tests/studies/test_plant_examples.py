@@ -1,7 +1,5 @@
-"""The two worked examples: their physics in closed form, and the programs themselves."""
+"""The two worked examples: their physics in closed form."""
 
-import json
-import subprocess
 import sys
 
 import control
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 from recordings import ROOT
 
-from tuners.plants import find
+from yawrate_env.plant.entry import find
 
 FOLDER = ROOT / "examples" / "plants"
 THETA = np.array([[0.35, 0.45, 9.0], [0.45, 0.32, 11.0]])
@@ -58,7 +56,7 @@ def test_the_tanks_gains_are_simcs_for_the_linearised_process(tanks):
         assert Ti == pytest.approx(min(lag, 4 * (20.0 + delay)), rel=1e-6)
 
 
-def test_the_tanks_judge_sees_the_step_it_says(tanks):
+def test_the_tanks_evaluation_sees_the_step_it_says(tanks):
     plant, _ = tanks
     gains = plant.oracle(THETA)
     rise, area = plant.metric_values(THETA, gains).T
@@ -68,13 +66,13 @@ def test_the_tanks_judge_sees_the_step_it_says(tanks):
     np.testing.assert_allclose(area, q / THETA[:, 2] * gains[:, 1] / gains[:, 0], rtol=0.05)
 
 
-def test_the_tanks_are_drawn_as_they_are_judged(tanks):
+def test_the_tanks_are_drawn_as_they_are_evaluated(tanks):
     plant, _ = tanks
     for theta, gains, (rise, area) in zip(
         THETA, plant.oracle(THETA), plant.metric_values(THETA, plant.oracle(THETA)), strict=True
     ):
-        level, pump = plant.closed(theta, gains).responses
-        e = level.wanted - level.value
+        level, pump = plant.closed_loop(theta, gains).responses
+        e = level.setpoint - level.value
         assert e[0] == 2.0 and pump.label == plant.signals[0]
         k = np.flatnonzero(e < 0.2)[0]
         passed = np.interp(-0.2, -e[k - 1 : k + 1], level.time[k - 1 : k + 1])
@@ -89,24 +87,6 @@ def test_the_motor_is_python_controls():
     expected = control.forced_response(motor.sample(plant.Ts), U=plant.u).outputs
     found = plant.respond(np.array([[J, b]]))[0]
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["dc_motor", "two_tanks"])
-def test_an_examples_file_alone_gives_table_and_picture(name, tmp_path):
-    done = subprocess.run(
-        [sys.executable, FOLDER / f"{name}.py", "--plants", "60", "--test", "20"],
-        cwd=tmp_path,
-        env={"PYTHONPATH": str(ROOT), "PATH": ""},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    assert "two-stage" in done.stdout and "Cramér–Rao" in done.stdout
-    part = json.loads((tmp_path / "results" / "plants.json").read_text())[name]
-    assert part["episodes"] == 20 and part["training"]["vehicles"] == 60
-    assert (tmp_path / "results" / "plants.md").read_text().count("## ") == 1
-    assert (tmp_path / "metrics" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_the_twenty_lines_of_the_guide_run(tmp_path):

@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 
@@ -8,6 +9,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.path import Path
+from recordings import ROOT
 
 from studies import plots
 from tuners.cli.report import palette
@@ -100,7 +102,7 @@ def test_a_save_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
     figure = METRICS["times"]()
 
     def broken(file, **_):
-        file.write_bytes(b"half of it")
+        file.write(b"half of it")
         raise OSError("disk full")
 
     monkeypatch.setattr(figure, "savefig", broken)
@@ -112,7 +114,10 @@ def test_a_save_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
 
 def test_pyplot_is_not_imported():
     program = "import sys, studies.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
-    subprocess.run([sys.executable, "-c", program], check=True)
+    paths = os.pathsep.join([str(ROOT), str(ROOT / "scripts")])
+    subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | {"PYTHONPATH": paths}, check=True
+    )
 
 
 def test_a_tuner_has_one_colour_in_every_figure():

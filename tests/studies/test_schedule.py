@@ -8,17 +8,14 @@ import pytest
 
 import tuners
 import yawrate_env
-from studies import pictures, plots, schedule, schedule_page
-from tuners.trust.vehicle_bound import cramer_rao
-from tuners.tuner.gray_box import GrayBox
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops
-from yawrate_env.vehicle.single_track import Context
+from studies import draws, pictures, plots, schedule, schedule_page
+from studies.bounds import bound_on
 from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 RANGE = (10.0, 33.0)
-TASK = Task(prior=Prior(v_x=RANGE))
-GRAY = GrayBox(TASK)
+PLANT = yaw_rate(Task(prior=Prior(v_x=RANGE)))
+GRAY = tuners.load("gb", PLANT)
 # Phase margin [deg] and crossover [Hz] of every loop below: two to three times what was measured.
 NEAR = (0.3, 0.005)
 
@@ -32,7 +29,7 @@ def learned():
 def rows(learned):
     return [
         schedule.schedule(learned, *v, [10.0, 15.0, 20.0, 25.0, 30.0, 33.0])
-        for v in schedule.vehicles(TASK.prior)
+        for v in schedule.vehicles(PLANT)
     ]
 
 
@@ -75,16 +72,14 @@ def test_the_schedule_is_the_oracles_within_the_tuners_accuracy(rows):
 
 def test_the_oracles_gains_give_the_target_at_every_speed(rows):
     for row in rows:
-        context = Context.of(row.mu_s, row.M_delta, row.v_x)
-        margins = (
-            loops(TASK, context).evaluate(np.array(row.oracle_kp), np.array(row.oracle_Ti)).margins
-        )
-        np.testing.assert_allclose(margins.phase_margin, 60, atol=1e-6)
-        np.testing.assert_allclose(margins.crossover, 1.5, atol=1e-8)
+        count = len(row.v_x)
+        theta = np.stack([np.full(count, row.mu_s), np.full(count, row.M_delta), row.v_x], axis=1)
+        gains = np.stack([row.oracle_kp, row.oracle_Ti], axis=1)
+        np.testing.assert_allclose(PLANT.errors(theta, gains), 0, atol=1e-6)
 
 
 def test_vehicles_are_the_middle_and_the_corners():
-    assert schedule.vehicles(TASK.prior) == [
+    assert schedule.vehicles(PLANT) == [
         (pytest.approx(0.7), 150.0), (0.3, 0.0), (0.3, 300.0), (1.1, 0.0), (1.1, 300.0),
     ]  # fmt: skip
 
@@ -94,10 +89,10 @@ def test_bins_hold_all_episodes_and_their_own_bound():
     calls = []
     bins = schedule.accuracy(GRAY, edges, episodes=episodes, progress=lambda *c: calls.append(c))
     assert sum(b.episodes for b in bins) == episodes and calls[-1][1:] == (episodes, episodes)
-    draw = CONTEXT_SETS["test"].draw(TASK.prior, 0, 0, episodes)
-    bound = cramer_rao(TASK, draw)
+    v_x = draws.draw(PLANT, "test", 0, 0, episodes).theta[:, 2]
+    bound = bound_on(PLANT, "test", 0, episodes)
     for b in bins:
-        inside = (draw.context.v_x >= b.low) & (draw.context.v_x < b.high)
+        inside = (v_x >= b.low) & (v_x < b.high)
         assert b.episodes == inside.sum()
         assert b.phase_margin.bound == pytest.approx(np.sqrt((bound[inside, 0] ** 2).mean()))
         # Four standard errors of a ratio over that many episodes, of two parameters' errors.
@@ -105,7 +100,7 @@ def test_bins_hold_all_episodes_and_their_own_bound():
 
 
 def test_a_metre_a_second_costs_three_to_four_degrees():
-    found = schedule.price("gb", GrayBox(Task()), 20.0, episodes=40)
+    found = schedule.price("gb", tuners.load("gb"), 20.0, episodes=40)
     errors = [c.phase_margin.rms for c in found.cells]
     assert 2.5 < found.degrees < 4.5
     assert errors[3] < 0.02 and errors == sorted(errors[:4], reverse=True) + sorted(errors[4:])
@@ -114,7 +109,7 @@ def test_a_metre_a_second_costs_three_to_four_degrees():
 
 def test_page_and_picture(rows, tmp_path):
     bins = schedule.accuracy(GRAY, [10.0, 20.0, 33.0], episodes=20)
-    prices = [schedule.price("gb", GrayBox(Task()), 20.0, episodes=3)]
+    prices = [schedule.price("gb", tuners.load("gb"), 20.0, episodes=3)]
     schedule_page.write(rows, bins, prices, 20, 0, tmp_path)
     read = json.loads((tmp_path / "schedule.json").read_text())
     assert len(read["schedule"]) == 5 and len(read["accuracy"]) == 2

@@ -5,45 +5,41 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from recordings import ROOT
-from test_scripts import run
 
 import tuners
-from studies import results_page, scoreboard
+from studies import draws, results_page, scoreboard
 from studies.scoreboard import PROTOCOL, Estimate
-from tuners.tuner.baselines import Nominal, Oracle
 from tuners.tuner.evaluation import Evaluation
-from yawrate_env.plant.reward import reward
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
-TASK = Task()
-CONTEXT = CONTEXT_SETS["test"].draw(TASK.prior, 0, 0, 200).context
-JUDGE = loops(TASK, CONTEXT)
+PLANT = yaw_rate(Task())
+THETA = draws.draw(PLANT, "test", 0, 0, 200).theta
+TRUTH = PLANT.oracle(THETA)
 
 
-def evaluation(name, kp, Ti):
-    """Gains for the first test vehicles, judged."""
-    verdict = JUDGE(kp, Ti)
-    margins = verdict.margins
-    return Evaluation(
-        name, CONTEXT, kp, Ti, margins.phase_margin, margins.crossover, verdict.stable, 0 * kp
-    )
+def evaluation(name, gains):
+    """Gains for the first test vehicles, evaluated."""
+    values, stable = PLANT.evaluation(THETA, gains)
+    return Evaluation(name, PLANT, THETA, gains, values[:, :2], stable, np.zeros(len(gains)))
+
+
+def scaled(name, size):
+    """The oracle's gains with errors of kp's logarithm, (standard deviation)."""
+    noise = np.random.default_rng(0).standard_normal(len(THETA))
+    return evaluation(name, TRUTH * np.stack([np.exp(size * noise), 0 * noise + 1], axis=1))
 
 
 def board(*others, **errors):
     """Rows of the two ends, others, and oracles whose log gain is off by so much (std)."""
-    truth = JUDGE.design()
-    middle = Nominal(TASK)._fallback
-    noise = np.random.default_rng(0).standard_normal(len(CONTEXT))
+    middle = np.repeat(PLANT.oracle(PLANT.middle), len(THETA), axis=0)
     found = [
-        evaluation("nominal", *(np.full(len(CONTEXT), g) for g in middle)),
-        evaluation("oracle", truth.kp, truth.Ti),
+        evaluation("nominal", middle),
+        evaluation("oracle", TRUTH),
         *others,
-        *(evaluation(n, truth.kp * np.exp(s * noise), truth.Ti) for n, s in errors.items()),
+        *(scaled(name, size) for name, size in errors.items()),
     ]
-    rows = scoreboard.rows(found, "test", TASK.target, {e.tuner: "" for e in found})
+    rows = scoreboard.rows(found, "test", {e.tuner: "" for e in found})
     return {row.tuner: row for row in rows}
 
 
@@ -70,7 +66,7 @@ def test_rows_come_with_the_best_first():
     assert names == ["oracle", "good", "nominal", "bad"]
 
 
-def test_intervals_contain_their_figures():
+def test_intervals_contain_their_values():
     for row in board(a=0.01, b=0.1, c=1.0).values():
         for name in ("reward", "regret", "score", "phase_margin", "crossover"):
             estimate = getattr(row, name)
@@ -80,20 +76,16 @@ def test_intervals_contain_their_figures():
     assert row.score.low < row.score.value < row.score.high < 1
 
 
-def test_figures_are_what_their_definitions_say():
-    truth = JUDGE.design()
-    row = board(a=0.1)["a"]
-    noise = np.random.default_rng(0).standard_normal(len(CONTEXT))
-    e = evaluation("a", truth.kp * np.exp(0.1 * noise), truth.Ti)
-    earned = reward(e.phase_margin, e.crossover, e.stable, TASK.target)
-    np.testing.assert_array_equal(earned, JUDGE(e.kp, e.Ti).reward)
+def test_scores_are_what_their_definitions_say():
+    row, e = board(a=0.1)["a"], scaled("a", 0.1)
+    earned = PLANT.reward(THETA, e.gains)
     assert row.reward.value == pytest.approx(earned.mean())
     ends = board()
     floor, top = ends["nominal"].reward.value, ends["oracle"].reward.value
     assert row.score.value == pytest.approx((earned.mean() - floor) / (top - floor))
     assert row.regret.value == pytest.approx(top - earned.mean())
-    assert row.phase_margin.value == pytest.approx(np.sqrt(np.mean((e.phase_margin - 60) ** 2)))
-    assert row.crossover.value == pytest.approx(np.sqrt(np.mean((e.crossover - 1.5) ** 2)))
+    assert row.phase_margin.value == pytest.approx(np.sqrt(np.mean((e.metrics[:, 0] - 60) ** 2)))
+    assert row.crossover.value == pytest.approx(np.sqrt(np.mean((e.metrics[:, 1] - 1.5) ** 2)))
     # The spread of a mean, 1.96 of it to either side; 2000 resamples give it to some 5 %.
     width = row.reward.high - row.reward.low
     assert width == pytest.approx(2 * 1.96 * earned.std() / len(earned) ** 0.5, rel=0.15)
@@ -110,8 +102,7 @@ def test_the_scores_interval_is_that_of_paired_episodes():
 
 
 def test_undefined_margins_are_counted_and_left_out_of_the_rmse():
-    kp, Ti = np.full(len(CONTEXT), np.nan), np.ones(len(CONTEXT))
-    row = board(evaluation("lost", kp, Ti))["lost"]
+    row = board(evaluation("lost", TRUTH * [np.nan, 1.0]))["lost"]
     assert row.undefined == row.unstable == row.episodes and row.reward.value == -5
     assert np.isnan(row.phase_margin.value)
     saved = json.loads(scoreboard.to_json([row], PROTOCOL))["rows"][0]
@@ -144,11 +135,9 @@ def test_the_protocol_is_version_1():
         "delay_samples": 0,
         "controller": "pi",
     }
-    beyond = CONTEXT_SETS["extrapolation"].beyond
-    assert (beyond.mu_s, beyond.M_delta) == ((1.1, 1.3), (300.0, 500.0))
+    assert PLANT.extrapolation == {"mu_s": (1.1, 1.3), "M_delta": (300.0, 500.0)}
     # The reward: 2 deg and 0.05 Hz off, and unstable.
-    graded = reward(np.array([62.0, 60.0]), np.array([1.55, 1.5]), np.array([True, False]),
-                    TASK.target)  # fmt: skip
+    graded = PLANT.reward_of(np.array([[2.0, 0.05], [np.nan, np.nan]]))
     e = np.hypot(0.2, 0.2)
     np.testing.assert_allclose(graded, [-e / (1 + e / 4), -5.0])
 
@@ -166,18 +155,18 @@ def test_the_protocol_is_version_1():
 )
 def test_the_protocols_vehicles_stay_the_same(name, first, last):
     # From numpy.random.SeedSequence((tag, seed), spawn_key=(episode,)) by hand.
-    context = CONTEXT_SETS[name].draw(TASK.prior, PROTOCOL.seed, 0, PROTOCOL.episodes).context
-    assert (context.mu_s[0], context.M_delta[0]) == pytest.approx(first, rel=1e-12)
-    assert (context.mu_s[-1], context.M_delta[-1]) == pytest.approx(last, rel=1e-12)
+    theta = draws.draw(PLANT, name, PROTOCOL.seed, 0, PROTOCOL.episodes).theta
+    assert tuple(theta[0, :2]) == pytest.approx(first, rel=1e-12)
+    assert tuple(theta[-1, :2]) == pytest.approx(last, rel=1e-12)
 
 
 def test_both_ends_must_be_there():
     with pytest.raises(ValueError, match="nominal must be evaluated too"):
-        scoreboard.run({"oracle": Oracle(TASK)})
+        scoreboard.run({"oracle": tuners.load("oracle")})
 
 
 def test_what_tuners_learned_from_is_told():
-    assert scoreboard.learned_from(Nominal(TASK)) == ""
+    assert scoreboard.learned_from(tuners.load("nominal")) == ""
     assert scoreboard.learned_from(tuners.load("ts-ff")) == "1500 vehicles, seed 0"
 
     class Agent:
@@ -191,7 +180,7 @@ def trial():
     """Two tuners on a few episodes, and what was reported meanwhile."""
     calls = []
     few = replace(PROTOCOL, episodes=20)
-    ends = {"nominal": Nominal(TASK), "oracle": Oracle(TASK)}
+    ends = {name: tuners.load(name) for name in ("nominal", "oracle")}
     return scoreboard.run(ends, few, lambda *call: calls.append(call)), few, calls
 
 
@@ -202,8 +191,6 @@ def test_a_run_goes_through_the_context_sets(trial):
     ]
     assert {r.episodes for r in rows} == {20}
     assert calls[-1] == ("evaluating, extrapolation", 40, 40)
-    alone = scoreboard.run({"nominal": Nominal(TASK), "oracle": Oracle(TASK)}, trial[1])
-    assert alone == rows
 
 
 def test_the_page_shows_the_rows_and_what_is_missing(trial, tmp_path):
@@ -225,31 +212,3 @@ def test_the_page_shows_the_rows_and_what_is_missing(trial, tmp_path):
     results_page.write(rows, PROTOCOL, tmp_path)
     text = (tmp_path / "README.md").read_text()
     assert "## Evaluation protocol 1\n" in text and "\n- [rl.md](rl.md): " in text
-
-
-@pytest.mark.slow
-def test_make_results_with_the_pages_own_example(tmp_path):
-    (tmp_path / "my_agent.py").write_text(results_page.EXAMPLE)
-    done = run("make_results", "--episodes", 4, "--policy", "my_agent:Fixed", "--results", "mine",
-               cwd=tmp_path)  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert {p.name for p in (tmp_path / "mine").iterdir()} == {"README.md", "scoreboard.json"}
-    saved = json.loads((tmp_path / "mine" / "scoreboard.json").read_text())
-    shipped = {p.stem for p in (ROOT / "tuners" / "models").glob("*.tuner")}
-    names = {row["tuner"] for row in saved["rows"]}
-    assert names == shipped | {"gb", "oracle", "nominal", "my_agent:Fixed"}
-    assert len(saved["rows"]) == 2 * len(names)
-    assert done.stdout.startswith("| tuner |") and "`my_agent:Fixed`" in done.stdout
-
-
-@pytest.mark.slow
-def test_wrong_use_of_make_results_is_refused_in_one_line(tmp_path):
-    wrong = {
-        "argument --episodes: 0 is not a positive whole number": ["--episodes", 0],
-        "error: absent:make: No module named": ["--policy", "absent:make"],
-        "error: tuner = 'pidtune' is unknown": ["--tuner", "pidtune"],
-    }
-    for message, words in wrong.items():
-        done = run("make_results", *words, "--results", "r", cwd=tmp_path)
-        assert done.returncode == 2 and "Traceback" not in done.stderr and done.stdout == ""
-        assert message in done.stderr.splitlines()[-1]

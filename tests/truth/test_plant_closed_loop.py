@@ -2,18 +2,18 @@
 
 import re
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import control
 import numpy as np
 import pytest
-from first_order import TAU, described, plant
-from pages import Checked
+from first_order import TAU, plant
 
 from tuners.cli.report import figures, loops
-from tuners.plants import ClosedLoop, OpenLoop, Response
 from yawrate_env.loop.margins import Margins
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.pi_loop import PILoop
+from yawrate_env.plant.responses import ClosedLoop, OpenLoop, Response
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
@@ -28,7 +28,7 @@ T = np.linspace(0.0, 3.0, 50)
 
 def integrator(theta, gains):
     """The first-order plant's loop, 1/(TAU s), and the step of it."""
-    step = Response("Step of the flow by 1 l/s", T, 1 - np.exp(-T / TAU), wanted=1.0)
+    step = Response("Step of the flow by 1 l/s", T, 1 - np.exp(-T / TAU), setpoint=1.0)
     return ClosedLoop((step,), OpenLoop(F, 1 / (2j * np.pi * F * TAU)))
 
 
@@ -40,7 +40,7 @@ def words(picture):
 
 
 def test_a_pi_loop_is_the_one_that_python_control_builds():
-    gains = LOOP.design(THETA[None])[0]
+    gains = LOOP.design(THETA[None])[0][0]
     found, (kp, Ti) = LOOP.around(THETA, gains), gains
     late = control.tf([1], [1, 0], TARGET.Ts)
     G = control.tf([THETA[0]], [THETA[1], 1]).sample(TARGET.Ts) * late
@@ -61,7 +61,7 @@ def test_a_pi_loop_is_the_one_that_python_control_builds():
 
 
 def test_margins_are_read_off_where_none_are_given():
-    found = LOOP.around(THETA, LOOP.design(THETA[None])[0]).open
+    found = LOOP.around(THETA, LOOP.design(THETA[None])[0][0]).open
     fine = np.geomspace(0.02, 24.0, 5000)
     real, imaginary = (
         np.interp(fine, found.frequency, part)
@@ -100,44 +100,10 @@ def test_an_unstable_loop_ends_where_it_has_run_away():
     assert np.nanmax(np.abs(found.responses[1].value)) > 1e6  # flow per valve is a large number
 
 
-# Bad ones
-
-
-@pytest.mark.parametrize(
-    "make, said",
-    [
-        (lambda: ClosedLoop(), "nothing to draw. Give it responses or open"),
-        (lambda: Response("Step", T, T[:9]), r"'Step' has values of shape \(9,\).* its 50 times"),
-        (lambda: Response("Step", T[::-1], T), "time must rise"),
-        (lambda: Response("Step", T[:1], T[:1]), "time must rise.* at least two"),
-        (lambda: OpenLoop(T, T), "lowest frequency = 0 must be .*Leave frequency 0 out"),
-        (lambda: OpenLoop(F, F[:9]), r"response of shape \(9,\), wanted one for each of its 2000"),
-        (lambda: Response(None, T, T), "title = None must be a text"),
-        (lambda: Response("Step", T, T, wanted="1"), "wanted = '1' is not a number. Give nan"),
-        (lambda: Response("Step", T, T, wanted=np.inf), "wanted = inf must be finite"),
-        (lambda: Response("Step", T, T, label=3), "label = 3 must be a text"),
-        (lambda: OpenLoop(F, ["x"] * 2000), "is not an array of complex numbers"),
-        (lambda: OpenLoop(F, np.full(2000, np.nan)), "nan.* must be finite and not 0. Leave"),
-        (lambda: OpenLoop(F, 0 * F), "0.* must be finite and not 0. Leave"),
-        (lambda: OpenLoop(F, F, margins=3), "margins = 3 is not of type Margins"),
-        (lambda: ClosedLoop(Response("Step", T, T)), "must be a tuple of Response"),
-        (lambda: ClosedLoop((3,)), "response = 3 is not of type Response"),
-        (lambda: ClosedLoop((), 3), "open = 3 is not of type OpenLoop"),
-        (lambda: ClosedLoop((), OpenLoop(F, F), "no"), "stable = 'no' must be True or False"),
-        (lambda: described(loop=1), "loop = 1 cannot be called.*or None"),
-        (lambda: described(loop=lambda theta, gains: gains), "loop's answer = .*ClosedLoop"),
-        (lambda: described(loop=lambda theta, gains: 1 / 0), "loop failed in the middle.*ZeroDiv"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
-
-
 def test_nothing_is_drawn_without_gains_or_without_a_loop():
     theta, none = plant.middle[0], np.array([np.nan, 1.0])
-    assert plant.closed(theta, np.ones(2)) is None
-    assert replace(plant, loop=integrator).closed(theta, none) is None
+    assert plant.closed_loop(theta, np.ones(2)) is None
+    assert replace(plant, loop=integrator).closed_loop(theta, none) is None
     assert loops.pictured(None, "y") == {} and loops.margins(None) == []
 
 
@@ -158,12 +124,12 @@ def test_pictures_say_what_they_show():
 
 def test_a_loop_that_has_run_away_at_once_is_drawn():
     lost = Response("Step", T, np.full(50, np.nan))
-    Checked(figures.svg(figures.responses((lost,), "y"), "lost"))
+    ElementTree.fromstring(figures.svg(figures.responses((lost,), "y"), "lost"))
 
 
 def test_a_vehicles_loop_is_in_degrees():
     vehicles = yaw_rate(Task())
-    found = vehicles.closed(vehicles.middle[0], vehicles.oracle(vehicles.middle)[0])
+    found = vehicles.closed_loop(vehicles.middle[0], vehicles.oracle(vehicles.middle)[0])
     drawn = words(loops.pictured(found, vehicles.signals[1])["responses"])
     assert {"Step of the reference by 1 deg/s", "Disturbance of the steering by 1 deg",
             "yaw rate [deg/s]"} <= drawn  # fmt: skip

@@ -1,4 +1,4 @@
-"""Linear plants in a PI loop, and the yaw-rate case through the same door as all others."""
+"""Linear plants in a PI loop, against python-control, and the vehicle among them."""
 
 from dataclasses import replace
 
@@ -6,21 +6,12 @@ import control
 import numpy as np
 import pytest
 
-import tuners
-from tuners import plants
-from tuners.features.laguerre import Laguerre
-from tuners.learners.feedforward import FeedForwardSettings
-from tuners.trust import vehicle_bound as bound
-from tuners.trust.black_box import black_box, functions_for
-from tuners.trust.bound import cramer_rao
-from tuners.trust.fit import fit
-from tuners.tuner.recording import Recording
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.episodes import recorded, sample
+from yawrate_env.plant.episodes import integers_of, recorded, sample
 from yawrate_env.plant.pi_loop import PILoop
 from yawrate_env.signals.excitation import prbs
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops, record
+from yawrate_env.signals.streams import stream
+from yawrate_env.vehicle.episode import Draw, loops, record
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import context_of, theta_of, yaw_rate
 
@@ -46,8 +37,10 @@ def test_python_control_models_are_simulated_as_python_control_does():
 def test_the_design_meets_the_target_by_python_controls_own_margins():
     loop = PILoop.of(lambda theta: control.tf([theta[0]], [theta[1], 1]), 0.01, TARGET)
     theta = np.array([[2.0, 0.5], [3.0, 0.2]])
-    gains = loop.design(theta)
-    np.testing.assert_allclose(loop.judge.evaluate(theta, gains), [[50.0, 1.0]] * 2, rtol=1e-9)
+    gains, reached = loop.design(theta)
+    metrics, stable = loop.evaluate(theta, gains)
+    np.testing.assert_allclose(metrics, [[50.0, 1.0]] * 2, rtol=1e-9)
+    assert reached.all() and stable.all()
     for (K, T), (kp, Ti) in zip(theta, gains, strict=True):
         plant = control.tf([K], [T, 1]).sample(0.02)
         pi = kp * (1 + 0.02 / (2 * Ti) * control.tf([1, 1], [1, -1], 0.02))
@@ -61,73 +54,56 @@ def test_models_that_do_not_fit_are_refused():
         through.design(np.ones((1, 1)))
 
 
-@pytest.fixture(scope="module")
-def plant():
-    return yaw_rate(TASK)
+def draw(task, count):
+    """The first episodes of the test set, by the vehicle's own code."""
+    integers = stream((2, 5), 0, count, integers_of(yaw_rate(task)))
+    return Draw.of(integers, task.prior)
 
 
-def test_the_yaw_rate_plant_is_the_environments(plant):
+def test_the_vehicles_design_and_evaluation_are_those_of_its_loops():
+    plant = yaw_rate(TASK)
     theta = sample(plant, 6)
-    oracle = loops(TASK, context_of(theta)).design()
-    np.testing.assert_array_equal(plant.oracle(theta), np.stack([oracle.kp, oracle.Ti], axis=1))
+    expected = loops(TASK, context_of(theta)).design()
+    np.testing.assert_array_equal(plant.oracle(theta), np.stack([expected.kp, expected.Ti], axis=1))
     gains = np.array([[0.2, 0.3], [0.4, 0.1], [0.1, 2.0], [2.0, 0.01], [-1.0, 1.0], [1e-4, 1.0]])
-    verdict = loops(TASK, context_of(theta)).evaluate(*gains.T)
-    np.testing.assert_allclose(plant.reward(theta, gains), verdict.reward, atol=1e-9)
-    assert len(np.unique(verdict.reward.round(6))) >= 4  # graded, unstable and without crossover
+    found = loops(TASK, context_of(theta)).evaluate(*gains.T)
+    metrics, stable = plant.evaluation(theta, gains)
+    np.testing.assert_array_equal(stable, found.stable)
+    for i, name in enumerate(("phase_margin", "crossover", "gain_margin")):
+        np.testing.assert_array_equal(metrics[:, i], getattr(found.margins, name))
+    assert len(np.unique(plant.reward(theta, gains).round(6))) >= 4  # graded, unstable, undefined
 
 
 @pytest.mark.parametrize("register", ["same", "random"])
-def test_its_episodes_are_the_environments(register):
+def test_the_vehicles_episodes_are_those_of_its_simulator(register):
     task = Task(prior=Prior(v_x=(10.0, 33.0)), experiment=Experiment(0.004, 500, register=register))
-    draw = CONTEXT_SETS["test"].draw(task.prior, 5, 0, 200)
-    u, y = record(task, draw)
-    found = recorded(yaw_rate(task), "test", 5, 200)
-    np.testing.assert_array_equal(found.theta, theta_of(draw.context))
+    drawn = draw(task, 150)
+    u, y = record(task, drawn)
+    found = recorded(yaw_rate(task), "test", 5, 150)
+    np.testing.assert_array_equal(found.theta, theta_of(drawn.context))
     np.testing.assert_array_equal(found.u, u)
     np.testing.assert_array_equal(found.y, y)
 
 
-def test_it_has_no_private_way_to_record_or_to_search(plant):
-    draw = CONTEXT_SETS["test"].draw(TASK.prior, 0, 0, 12)
-    theta = theta_of(draw.context)
-    slow = replace(plant, record=None, search=None, search_limits={})
-    y = plant.measure(theta, plant.u[None], draw.key)
-    np.testing.assert_allclose(slow.measure(theta, plant.u[None], draw.key), y, rtol=1e-12)
-    model = black_box(plant, functions_for(plant), plant.u[None], y, "auto")
+def test_simulation_and_noise_in_one_call_are_the_same():
+    plant, drawn = yaw_rate(TASK), draw(TASK, 12)
+    theta = theta_of(drawn.context)
+    slow = replace(plant, record=None)
+    y = plant.measure(theta, plant.u[None], drawn.key)
+    np.testing.assert_allclose(slow.measure(theta, plant.u[None], drawn.key), y, rtol=1e-12)
+
+
+def test_exact_slopes_are_those_by_differences():
+    """From the same recordings, the search with either ends in the same parameters."""
+    from tuners.trust.identification import identify
+
+    plant, drawn = yaw_rate(TASK), draw(TASK, 12)
+    theta = theta_of(drawn.context)
+    slow = replace(plant, sensitivity=None, search_limits={})
+    y = plant.measure(theta, plant.u[None], drawn.key)
     start = np.repeat(plant.middle, 12, axis=0)
-    native, found = (fit(p, model, y, start) for p in (plant, slow))
-    inside = (np.abs(native.theta - plant.middle) <= (slow.limits[1] - plant.middle)).all(axis=1)
+    exact, found = (identify(p, plant.u[None], y, start) for p in (plant, slow))
+    inside = (np.abs(exact.theta - plant.middle) <= (slow.limits[1] - plant.middle)).all(axis=1)
     assert inside.sum() > 8 and found.converged[inside].all()
-    difference = (found.theta - native.theta)[:, :2] / plant.width
+    difference = (found.theta - exact.theta)[:, :2] / plant.width
     np.testing.assert_allclose(difference[inside], 0.0, atol=1e-5)
-    np.testing.assert_allclose(found.noise[inside], native.noise[inside], rtol=1e-8)
-
-
-def test_the_generic_bound_is_the_native_one(plant):
-    draw = CONTEXT_SETS["test"].draw(TASK.prior, 0, 0, 12)
-    found = cramer_rao(plant, theta_of(draw.context))
-    np.testing.assert_allclose(found, bound.cramer_rao(TASK, draw), rtol=2e-3)
-
-
-@pytest.mark.parametrize(
-    "task",
-    [
-        TASK,
-        replace(TASK, prior=Prior(v_x=(10.0, 33.0))),
-        replace(TASK, experiment=replace(TASK.experiment, register="random")),
-    ],
-)
-def test_a_vehicles_tuner_is_its_plants_tuner(task):
-    settings = FeedForwardSettings(neurons=6, epochs=40)
-    recipe = tuners.Recipe(Laguerre(8, 12.0), settings, noise_draws=2)
-    own, plant = tuners.train(recipe, task, episodes=150), yaw_rate(task)
-    generic = plants.train(plant, recipe, count=150, calibration=0)
-    block = recorded(plant, "test", 0, 30)
-    recording = Recording(block.u, block.y, task.experiment.Ts, block.theta[:, 2])
-    design, found = own.assess(recording)
-    gains, same = generic.assess(block.u, block.y, block.theta)
-    np.testing.assert_array_equal(np.stack([design.kp, design.Ti], axis=1), gains)
-    np.testing.assert_array_equal(found.trusted, same.trusted)
-    np.testing.assert_array_equal(found.metrics, same.metrics)
-    np.testing.assert_array_equal(found.spread, same.spread)
-    assert {"v_x", *found.findings} == {"speed", "implausible", *same.findings}

@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,6 +23,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
+from tuners.agents.feature_map import FeatureMap
 from tuners.agents.wrappers import FeatureObservation, UnitAction
 from tuners.features import BY_NAME
 from tuners.tuner.recording import Recording
@@ -214,12 +216,20 @@ def _observer(path: str, space: Any, env: TuningEnv) -> Callable[[Array], Array]
             with suppress(ValueError):  # the episodes are too short for this one
                 wrapper = FeatureObservation(env, name)
                 if wrapper.observation_space.shape == space.shape:
-                    return lambda obs: np.stack([wrapper.observation(one) for one in obs])
+                    return partial(_features, wrapper.map, env)
     raise ValueError(
         f"sb3 = {path} takes observations of shape {space.shape}, here they are "
         f"{env.observation_space.shape}, or their features. Give the --env-kwargs that it was "
         "trained with (N, decimate, visible)."
     )
+
+
+def _features(features: FeatureMap, env: TuningEnv, obs: Array) -> Array:
+    """Features (B, n) of observations (B, rows, N)."""
+    interface = env.interface
+    u, y, theta = interface.recordings(obs)
+    values, _ = features(u, y, interface.Ts, interface.features_of(theta))
+    return values
 
 
 def _actions(path: str, space: Any, env: TuningEnv) -> Callable[[Array], Array]:

@@ -81,7 +81,7 @@ class Folder:
 
 
 def damage(folder: Path, manifest: Manifest, progress: Progress | None = None) -> list[str]:
-    """Read all shards that a manifest lists; what is wrong with those that exist."""
+    """Read all shards that a manifest lists; say which of those that exist are damaged."""
     wrong = []
     for done, shard in enumerate(manifest.shards, start=1):
         path = folder / shard.file

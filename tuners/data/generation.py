@@ -85,7 +85,7 @@ def generate(
     resume : bool
         Go on in a folder that exists; otherwise refuse it.
     progress : callable, optional
-        Called with what is being done, how many episodes are done, and of how many.
+        Called with the stage's name, how many episodes are done, and of how many.
 
     Raises
     ------

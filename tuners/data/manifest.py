@@ -28,7 +28,7 @@ RAW_SHARD_SIZE, SHARD_SIZE, SHARDS = 512, 4096, 1024
 """Episodes a file with and without recordings, and how many files there are at most."""
 
 LIBRARIES = ("numpy", "numba", "pyarrow")
-"""What decides on a shard's last bits and bytes."""
+"""Libraries that the last bits and bytes of a shard depend on."""
 
 
 class DatasetError(ValueError):

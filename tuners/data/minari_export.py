@@ -81,7 +81,7 @@ def export_minari(
     env_kwargs : dict, optional
         Further arguments of the environment.
     progress : callable, optional
-        Called with what is being done, how many episodes are done, and of how many.
+        Called with the stage's name, how many episodes are done, and of how many.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def export_minari(
 
 
 def _check_name(dataset_id: Any) -> None:
-    """Refuse what Minari would write, and never again list anything beside it."""
+    """Refuse names that Minari writes, after which it can list no data set any more."""
     from minari.dataset.minari_dataset import parse_dataset_id
 
     try:

@@ -29,9 +29,9 @@ def made(configuration: dict[str, Any], shard: Shard, home: Path | None = None) 
     Parameters
     ----------
     configuration : dict
-        `Configuration.to_json`, the versions of whoever writes the data set included.
+        `Configuration.to_json` of the process that writes the data set, with its versions.
     home : Path, optional
-        Where a plant's module is on the machine of whoever writes the data set.
+        Folder of the plant's module on the machine of that process.
     """
     try:
         recipe = Configuration.from_json(configuration, home)

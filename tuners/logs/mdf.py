@@ -24,10 +24,8 @@ def read(content: bytes) -> Table:
 
     def column(name: str) -> Column:
         try:
-            signals = (
-                file.get(group=group, index=index) for group, index in file.channels_db[name]
-            )
-            signal = max(signals, key=len)  # a channel may be in empty groups too
+            found = (file.get(group=group, index=i) for group, i in file.channels_db[name])
+            signal = max(found, key=len)  # a channel may be in empty groups too
             values = np.asarray(signal.samples, dtype=np.float64)
         except Exception as error:
             raise LogError(f"Channel {name} cannot be read: {error}") from None

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.pidtune.plant import Plant
+from tuners.pidtune.system import System
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ TURNS = 1e4
 class Loop:
     """A plant and a controller in series, under negative feedback."""
 
-    plant: Plant
+    plant: System
     controller: Any
 
     def __call__(self, omega: Array) -> NDArray[np.complex128]:

@@ -13,24 +13,24 @@ from typing import Any
 import numpy as np
 
 from tuners.pidtune.law import Kind
-from tuners.pidtune.plant import Plant
+from tuners.pidtune.system import System
 
 _POINTS = 500
 _FACTORS = (1, 1 / 2, 2, 1 / 4, 4, 1 / 8, 8, 1 / 16, 16)
 
 
-def needed_phase(plant: Plant, omega: Any, pm: float) -> Any:
+def needed_phase(plant: System, omega: Any, pm: float) -> Any:
     """Phase that a controller must supply at `omega` for a margin of `pm` degrees [rad]."""
     return np.radians(pm) - np.pi - plant.phase(omega)
 
 
-def free_crossovers(plant: Plant, kind: Kind, pm: float) -> Iterator[float]:
+def free_crossovers(plant: System, kind: Kind, pm: float) -> Iterator[float]:
     """Crossovers [rad/s], the best first."""
     first = _best(plant, kind, pm)
     yield from (first * k for k in _FACTORS if first * k <= plant.largest_crossover())
 
 
-def _best(plant: Plant, kind: Kind, pm: float) -> float:
+def _best(plant: System, kind: Kind, pm: float) -> float:
     from scipy.optimize import brentq
 
     corners = plant.corners

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tuners.pidtune.closing import Loop
 from tuners.pidtune.crossover import free_crossovers, needed_phase
 from tuners.pidtune.law import FILTER_LAG, KINDS, Kind, law, reach
-from tuners.pidtune.plant import Plant
+from tuners.pidtune.system import System
 from yawrate_env import validation
 from yawrate_env.loop.design import Status, within_reach
 
@@ -111,7 +111,7 @@ def pidtune(
         validation.number("Tf", Tf, above=0.0, remedy="Use kind PID or PD for no filter.")
         if not form.filtered:
             raise ValueError(f"Tf = {Tf:g} s is for kinds PDF and PIDF. Choose one of these.")
-    plant = Plant.of(sys, delay)
+    plant = System.of(sys, delay)
     if wc is not None:
         validation.number("wc", wc, above=0.0, at_most=plant.largest_crossover(),
                           remedy="Give it in rad/s, below Nyquist's frequency.")  # fmt: skip
@@ -122,7 +122,7 @@ def pidtune(
     return next(good, first)
 
 
-def _tuned(plant: Plant, kind: Kind, wc: float, pm: float, Tf: float | None) -> tuple[Any, Info]:
+def _tuned(plant: System, kind: Kind, wc: float, pm: float, Tf: float | None) -> tuple[Any, Info]:
     v = float(plant.warped(np.asarray(wc)))
     Tf = _filter_time(plant, kind, v, Tf)
     G = complex(plant(np.asarray(wc)))
@@ -148,7 +148,7 @@ def _tuned(plant: Plant, kind: Kind, wc: float, pm: float, Tf: float | None) -> 
     return C, _info(Loop(plant, C), found.gains(), found.Tf, status, wc)
 
 
-def _filter_time(plant: Plant, kind: Kind, v: float, Tf: float | None) -> float:
+def _filter_time(plant: System, kind: Kind, v: float, Tf: float | None) -> float:
     if not kind.derives:
         return 0.0
     if kind.filtered:

@@ -42,7 +42,8 @@ class Identified:
     cost : NDArray
         (B,) sum of squared output errors.
     converged : NDArray
-        (B,) whether the last step promised nothing more.
+        (B,) whether the last step promised nothing more, the outputs depend on all unknown
+        parameters, and no limit outside the prior stopped the search.
     steps : NDArray
         (B,) evaluations of the slopes.
     """
@@ -133,10 +134,12 @@ def identify(
         )  # fmt: skip
         done = promised <= _TOLERANCE * cost[active] + rounding[active]
         done &= gained <= _GAINED * cost[active] + rounding[active]
-        converged[active[done]] = True
+        informed = (np.einsum("bii->bi", gram[active]) > 0)[:, 1:].all(axis=1)
+        converged[active[done]] = informed[done]
         active = active[~done & (damping[active] < _DAMPING) & np.isfinite(cost[active])]
         if not len(active):
             break
+    converged &= ~_stopped(slopes, plant, z, low, high, theta)
     return Identified(slopes.decode(z, theta), cost, converged, steps)
 
 
@@ -206,15 +209,37 @@ def _step(
     No coordinate moves by more than `largest`.
     """
     slope, normal = gram[:, 0, 1:], gram[:, 1:, 1:]
-    free = np.where(slope < 0, z - low > _ROOM, high - z > _ROOM)
-    slope = np.where(free, slope, 0.0)
-    eye = np.eye(z.shape[1])
+    free = _inward(slope, z, low, high)
+    step = _damped(normal, slope, damping, free)
+    for _ in range(z.shape[1] - 1):  # it may press against a limit where the slope does not
+        free &= _inward(step, z, low, high)
+        step = _damped(normal, slope, damping, free)
+    promised = (step * slope).sum(axis=1)
+    step = np.clip(step, -largest, largest)
+    return _until_limit(z, step, low, high) - z, promised
+
+
+def _inward(direction: Array, z: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Which coordinates (B, q) have room in a direction (B, q)."""
+    return np.where(direction < 0, z - low > _ROOM, high - z > _ROOM)
+
+
+def _damped(normal: Array, slope: Array, damping: Array, free: NDArray[np.bool_]) -> Array:
+    """Damped Gauss-Newton steps (B, q) in the coordinates that are free."""
+    eye = np.eye(slope.shape[1])
     mask = free[:, :, None] & free[:, None, :]
     scale = np.einsum("bii->bi", normal).max(axis=1, initial=0.0)
     scale = np.where(scale > 0, scale, 1.0)[:, None, None]
     lifted = np.where(mask, normal, 0.0) * (1 + damping[:, None, None] * eye)
     lifted = lifted + (~free[:, :, None] * eye + 1e-14) * scale * eye
-    step = np.linalg.solve(lifted, slope[..., None])[..., 0]
-    promised = (step * slope).sum(axis=1)
-    step = np.clip(step, -largest, largest)
-    return _until_limit(z, step, low, high) - z, promised
+    return np.asarray(np.linalg.solve(lifted, np.where(free, slope, 0.0)[..., None])[..., 0])
+
+
+def _stopped(
+    slopes: Sensitivity, plant: Plant, z: Array, low: Array, high: Array, theta: Array
+) -> NDArray[np.bool_]:
+    """Whether a search ended at a limit outside the prior, (B,)."""
+    first, last = (slopes.encode(np.broadcast_to(end, theta.shape).copy()) for end in plant.ranges)
+    below = (z - low <= _ROOM) & (z < first - _ROOM)
+    above = (high - z <= _ROOM) & (z > last + _ROOM)
+    return np.asarray((below | above).any(axis=1))

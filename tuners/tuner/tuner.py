@@ -32,8 +32,9 @@ _STILL = 1e-9  # of the experiment's largest input or output: what does not move
 
 
 def slowest(plant: Plant) -> float:
-    """Longest sampling time that still shows what a plant does [s]."""
-    return _COARSEST * plant.Ts if plant.crossover is None else _SLOWEST / plant.crossover
+    """Longest sampling time that still shows what a plant does [s]; its own is never too long."""
+    longest = _COARSEST * plant.Ts if plant.crossover is None else _SLOWEST / plant.crossover
+    return max(longest, plant.Ts)
 
 
 class Tuner:
@@ -67,8 +68,7 @@ class Tuner:
 
     def gains(self, recording: Recording) -> Gains:
         """Gains for every episode; none where nothing moves, for methods that look at it."""
-        found = self.method.gains(self.plant, recording)
-        return found.without(self._still(recording)) if self.method.needs_excitation else found
+        return self._moving(recording, self.method.gains(self.plant, recording))
 
     def tune(
         self,
@@ -134,7 +134,7 @@ class Tuner:
         theta = recording.parameters(plant)
         used = recording.resampled(plant.Ts)
         model = black_box(plant, self.black_box, used.u, used.y, start, used.oversampled)
-        found = self.gains(replace(used, y=model.y))
+        found = self._moving(used, self.gains(replace(used, y=model.y)))
         solved = np.asarray(found.converged & (found.status == Status.OK))
         anywhere = self.method.any_measured
         return found, assess(plant, model, used.y, found.values, theta, solved, anywhere)
@@ -189,6 +189,10 @@ class Tuner:
     def black_box(self) -> Any:
         """The basis of the reference model."""
         return functions_for(self.plant)
+
+    def _moving(self, recording: Recording, found: Gains) -> Gains:
+        """Gains without those of recordings in which nothing moves."""
+        return found.without(self._still(recording)) if self.method.needs_excitation else found
 
     def _still(self, recording: Recording) -> NDArray[np.bool_]:
         """Recordings (B,) in which input or output does not move.

@@ -29,10 +29,11 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
         plant[name] = check(name, plant[name])
     for name, check in _OF_PARAMETERS.items():
         plant[name] = _mapping(name, plant[name], check, tuple(plant["prior"]))
+    roles = ("input", "output", *plant["measured"])
+    plant["synonyms"] = _mapping("synonyms", plant["synonyms"], _texts, roles)
     plant["metrics"] = _metrics(plant["metrics"], plant["gains"], plant["evaluate"] is not None)
     if plant["crossover"] is not None:
-        validation.number("crossover", plant["crossover"], above=0.0, below=0.5 / plant["Ts"],
-                          remedy="Give it in Hz, below half the sampling rate.")  # fmt: skip
+        validation.number("crossover", plant["crossover"], above=0.0, remedy="Give it in Hz.")
     if plant["target"] is not None:
         counted = sum(metric.counts for metric in plant["metrics"].values())
         target = validation.finite_array("target", plant["target"], shape=(counted,))
@@ -40,6 +41,15 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
     _check_limits(plant["search_limits"], plant["prior"])
     _check_names(plant)
     return plant
+
+
+def check_experiment(u: Any, Ts: float, crossover: float | None) -> None:
+    """``ValueError`` where an experiment is too short or sampled too slowly to learn from."""
+    remedy = "Describe a longer experiment."
+    validation.count("number of samples of u", len(u), at_least=SHORTEST, remedy=remedy)
+    if crossover is not None:
+        remedy = "Give it in Hz, below half the sampling rate."
+        validation.number("crossover", crossover, below=0.5 / Ts, remedy=remedy)
 
 
 def _mapping(name: str, value: Any, check: Check, keys: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -65,10 +75,14 @@ def _gains(name: str, value: Any) -> tuple[str, ...]:
     return tuple(validation.text(f"gains[{i}]", name) for i, name in enumerate(value))
 
 
+def _texts(name: str, value: Any) -> tuple[str, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise ValueError(f'{name} = {value!r} must be texts, as in ("steer", "u").')
+    return tuple(validation.text(name, each) for each in value)
+
+
 def _input(name: str, value: Any) -> Any:
     u = validation.finite_array(name, value, shape=(None,))
-    remedy = "Describe a longer experiment."
-    validation.count("number of samples of u", len(u), at_least=SHORTEST, remedy=remedy)
     if not u.any():
         raise ValueError("u is zero everywhere. Give an input that excites the plant.")
     return np.array(u)  # the caller may change theirs
@@ -94,6 +108,10 @@ def _largest(name: str, value: Any) -> float:
 def _black_box(name: str, value: Any) -> Any:
     pole = partial(validation.number, above=0.0, remedy="Give it in rad/s.")
     return None if value is None else _pair(name, value, "(20, 12.0)", validation.count, pole)
+
+
+def _interval_or_none(name: str, value: Any) -> Any:
+    return None if value is None else validation.interval(name, value)
 
 
 def _metric(name: str, value: Any) -> Metric:
@@ -144,8 +162,12 @@ def _check_names(plant: Mapping[str, Any]) -> None:
     })  # fmt: skip
 
 
-def _command_limits(name: str, value: Any) -> tuple[float, float] | None:
-    return None if value is None else validation.interval(name, value)
+def _display(name: str, value: Any) -> Any:
+    """Pairs of a label and a factor, of input and output."""
+    factor = partial(validation.number, above=0.0, remedy="Give the factor to the label's unit.")
+    labelled = partial(_pair, example='("speed [rpm]", 9.55)', first=validation.text, second=factor)
+    example = '(("voltage [mV]", 1e3), ("speed [rpm]", 9.55))'
+    return None if value is None else _pair(name, value, example, labelled, labelled)
 
 
 _OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks")
@@ -173,9 +195,10 @@ _SETTINGS: dict[str, Check] = {
     "entry": partial(
         validation.instance, kind=str, remedy='Give a text, as in "my_plant:plant".'
     ),
-    "arguments": partial(_mapping, check=lambda name, value: value),
+    **dict.fromkeys(("messages", "cautions"), partial(_mapping, check=validation.text)),
+    **dict.fromkeys(("arguments", "synonyms"), partial(_mapping, check=lambda name, value: value)),
     "black_box": _black_box,
-    "command_limits": _command_limits,
+    "command_limits": _interval_or_none,
 }  # fmt: skip
 
 _OF_PARAMETERS: dict[str, Check] = {

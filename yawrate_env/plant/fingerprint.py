@@ -43,7 +43,7 @@ def changed(plant: Plant, then: dict[str, Any], parts: tuple[str, ...] = ()) -> 
     then : dict
         An earlier `fingerprint`.
     parts : tuple of str, optional
-        What to compare, such as `OF_EPISODES`; everything by default.
+        Parts to compare, such as `OF_EPISODES`; all by default.
     """
     settings = _settings(plant)  # compared first: another prior may not even be simulated
     for name in settings:

@@ -43,7 +43,7 @@ def check_unique(kinds: Mapping[str, Iterable[str]]) -> None:
     Parameters
     ----------
     kinds : dict
-        What the names are of, such as ``gain``, to the names.
+        Kinds of names, such as ``gain``, to the names.
     """
     seen = dict.fromkeys(INFO, "entry of the environment's info")
     for kind, names in kinds.items():

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from yawrate_env import validation
 from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.plant.calls import call, rows
-from yawrate_env.plant.checks import checked
+from yawrate_env.plant.checks import check_experiment, checked
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import split
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
@@ -56,7 +56,7 @@ class Plant:
     """A family of plants, the experiment on them, and the design rule that knows their gains.
 
     Each function is called once when a plant is described, with the parameters in the middle
-    of the prior; what is wrong raises ``ValueError``.
+    of the prior; a bad setting or answer raises ``ValueError``.
 
     Attributes
     ----------
@@ -171,7 +171,8 @@ class Plant:
         Order and pole [rad/s] of the Laguerre basis of the reference model; chosen
         automatically if omitted.
     check : bool
-        False leaves out the trial call of each function.
+        False leaves out the trial call of each function, and the demand that something can be
+        learned from the experiment.
     """
 
     prior: Mapping[str, Range]
@@ -217,6 +218,7 @@ class Plant:
         for name, value in checked(given).items():
             object.__setattr__(self, name, value)
         if check:
+            check_experiment(self.u, self.Ts, self.crossover)
             self._try_in_the_middle()
 
     def _try_in_the_middle(self) -> None:

@@ -7,3 +7,6 @@ LARGEST_ANGLE = float(np.radians(45))
 
 LARGEST_YAW_RATE = 10.0
 """[rad/s]."""
+
+LARGEST_SPEED = 150.0
+"""[m/s]."""

@@ -23,9 +23,9 @@ from yawrate_env.plant.plant import Out, Plant, Range, snr
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.vehicle.actuator import actuated
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond
-from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
+from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE
 from yawrate_env.vehicle.sensitivity import LogSensitivity
-from yawrate_env.vehicle.single_track import LARGEST, Context
+from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.twin import LinearTwin
 
@@ -96,9 +96,7 @@ COMMAND_LIMITS = (float(np.radians(-30.0)), float(np.radians(30.0)))
 """Road-wheel angle of exported controllers [rad]."""
 
 IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
-_DEGREE = float(np.degrees(1.0))
-DISPLAY = (IN_DEGREES[0], _DEGREE), (IN_DEGREES[1], _DEGREE)
-"""Input and output in pictures and reports."""
+"""What pictures show."""
 
 _LINEAR = 4.0  # m/s^2 of lateral acceleration, beyond which tyres saturate on dry asphalt
 _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
@@ -164,7 +162,6 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         search_limits=vehicles.limits(),
         action_bounds=vehicles.action_bounds,
         loop=vehicles.loop,
-        display=DISPLAY,
         command_limits=COMMAND_LIMITS,
         black_box=BLACK_BOX,
         entry=f"{__name__}:{from_settings.__name__}",
@@ -174,18 +171,18 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
     )
 
 
-@lru_cache(maxsize=1)
-def _loops(task: Task, theta: bytes) -> Loops:
-    """Keep the last, since reward and oracle are asked for the same vehicles."""
-    return loops(task, context_of(np.frombuffer(theta).reshape(-1, len(LABELS))))
-
-
 def remarks(u: Array, y: Array, measured: Mapping[str, Array]) -> list[str]:
     """Note where tyres leave their linear range."""
     lateral = float(np.abs(y * measured["v_x"]).max())
     if lateral <= _LINEAR:
         return []
     return [f"Lateral acceleration reaches {lateral:.1f} m/s^2, where tyres are no longer linear."]
+
+
+@lru_cache(maxsize=1)
+def _loops(task: Task, theta: bytes) -> Loops:
+    """Keep the last, since reward and oracle are asked for the same vehicles."""
+    return loops(task, context_of(np.frombuffer(theta).reshape(-1, len(LABELS))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,7 +280,7 @@ class Vehicles:
         """
         prior = self.task.prior
         lightest, heaviest = (mass - self.task.vehicle.M_0 for mass in _MASS)
-        limits = {"M_delta": (lightest, heaviest), "v_x": (_SLOWEST, LARGEST["v_x"])}
+        limits = {"M_delta": (lightest, heaviest), "v_x": (_SLOWEST, LARGEST_SPEED)}
         if self.linear:
             limits["mu_s"] = _FRICTION
         else:

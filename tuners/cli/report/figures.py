@@ -130,7 +130,7 @@ def responses(drawn: tuple[Response, ...], output: str, width: float = HALF) -> 
         picture = Figure(figsize=(width, max(2.6, 2.2 * len(drawn))))
         every = picture.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
         for axes, response in zip(every, drawn, strict=True):
-            axes.axhline(response.wanted, color=rendering.TARGET, lw=1.0, dashes=(4, 3))
+            axes.axhline(response.setpoint, color=rendering.TARGET, lw=1.0, dashes=(4, 3))
             axes.plot(response.time, response.value, color=rendering.LOOP, lw=1.8)
             axes.set(title=response.title, ylabel=response.label or output)
         every[-1].set(xlabel="time [s]", xlim=(0, max(r.time[-1] for r in drawn)))

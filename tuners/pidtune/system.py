@@ -39,12 +39,12 @@ _SPREAD = 1e9  # of the poles that a transfer function's coefficients can tell a
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Plant:
+class System:
     """A single-input single-output system with delay.
 
     Attributes
     ----------
-    system : control.TransferFunction or control.StateSpace
+    sys : control.TransferFunction or control.StateSpace
         Without the delay.
     poles : NDArray
         In the s plane, or in the bilinear plane of a discrete system [rad/s].
@@ -60,7 +60,7 @@ class Plant:
         Frequencies [rad/s], and the phase of the numerator there [rad].
     """
 
-    system: Any
+    sys: Any
     poles: NDArray[np.complex128]
     corners: Array
     Ts: float
@@ -94,7 +94,7 @@ class Plant:
         omega = np.asarray(omega, dtype=float)
         at = np.exp(1j * omega * self.Ts) if self.Ts else 1j * omega
         with np.errstate(invalid="ignore"):  # infinite on a pole
-            value = self.system(at, warn_infinite=False) * np.exp(-1j * omega * self.delay)
+            value = self.sys(at, warn_infinite=False) * np.exp(-1j * omega * self.delay)
         return np.asarray(value)
 
     def warped(self, omega: Array) -> Array:
@@ -117,12 +117,12 @@ class Plant:
         """Numerator and denominator in s or z; the delay of a discrete system is in them."""
         import control
 
-        if isinstance(self.system, control.StateSpace):
-            A, B, C, D = self.system.A, self.system.B, self.system.C, self.system.D
+        if isinstance(self.sys, control.StateSpace):
+            A, B, C, D = self.sys.A, self.sys.B, self.sys.C, self.sys.D
             den = np.poly(A).real
             num = np.poly(A - B @ C).real + (D[0, 0] - 1) * den
         else:
-            num, den = self.system.num[0][0], self.system.den[0][0]
+            num, den = self.sys.num[0][0], self.sys.den[0][0]
         samples = round(self.delay / self.Ts) if self.Ts else 0
         return np.asarray(num, dtype=float), np.append(den, np.zeros(samples))
 
