@@ -2,8 +2,6 @@
 
 import graphlib
 import json
-import runpy
-import sys
 
 import pytest
 from imports import imported_names, modules_after
@@ -43,26 +41,6 @@ def test_a_size_is_measured(tmp_path):
     assert found.episodes == 200 and found.deviation == 0
     assert found.seconds > 0 and found.peak > 50 and 50 < found.stored < 1000
     assert list(tmp_path.iterdir()) == []
-
-
-def test_the_script_measures_what_is_missing(tmp_path, monkeypatch, capsys):
-    measured = []
-
-    def measure(episodes, folder):
-        measured.append(episodes)
-        return Size(episodes, 1.0 + 1e-4 * episodes, 400.0, 120.0, 0.0)
-
-    monkeypatch.setattr(dataset_scale, "measure", measure)
-    places = ["--results", f"{tmp_path}/r", "--figures", f"{tmp_path}/f"]
-    for sizes in (["1e3", "1e4"], ["1e4", "1e5"], []):
-        options = [option for size in sizes for option in ("--episodes", size)]
-        monkeypatch.setattr(sys, "argv", ["dataset_scale.py", *options, *places])
-        runpy.run_path(str(ROOT / "scripts" / "dataset_scale.py"), run_name="__main__")
-    assert measured == [1000, 10_000, 100_000, 1_000_000]
-    stored = json.loads((tmp_path / "r" / "datasets.json").read_text())
-    assert [size["episodes"] for size in stored["sizes"]] == measured
-    assert (tmp_path / "f" / "datasets.png").stat().st_size > 10_000
-    assert (tmp_path / "r" / "datasets.md").read_text() in capsys.readouterr().out
 
 
 def test_imports_point_down_only():
