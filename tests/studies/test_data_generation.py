@@ -20,8 +20,8 @@ from first_order import TAU, U, described, design, plant, simulate
 from tuners import data
 from tuners.data import DatasetError, Folder, generate, load_gains, shards, verify, workers
 from tuners.data.manifest import Configuration, Manifest, Shard, shard_size
-from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
+from tuners.features.response import FrequencyResponse
 from tuners.tuner.examples import examples
 from yawrate_env import files
 from yawrate_env.loop.target import Target
@@ -31,6 +31,7 @@ from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
+OTHER = FrequencyResponse(8, 2.0, 0.05, 2.0)
 KINDS = pytest.mark.parametrize("of", [plant, rich, cars], ids=["simple", "rich", "cars"])
 
 
@@ -72,9 +73,9 @@ def test_rows_are_those_of_the_pipeline_whatever_the_shards(of, shard_size, tmp_
 
 
 def test_other_features_have_columns_of_their_own(tmp_path):
-    folder = made(tmp_path / "d", 20, stage=Armax(), shard_size=7)
-    assert_same_rows(folder.read(), examples(plant, 20, 3, Armax()))
-    assert "armax_1" in next(folder.columns())
+    folder = made(tmp_path / "d", 20, stage=OTHER, shard_size=7)
+    assert_same_rows(folder.read(), examples(plant, 20, 3, OTHER))
+    assert "response_1" in next(folder.columns())
 
 
 def test_a_larger_data_set_begins_with_the_smaller_one(whole):
@@ -270,7 +271,7 @@ def test_whole_numbers_may_be_written_as_floats(tmp_path):
         ),
         ({"shard_size": 51}, "shard_size is 50 there and 51 here"),
         ({"raw": True}, "raw is False there and True here"),
-        ({"stage": Armax()}, "features.name is 'laguerre' there and 'armax' here"),
+        ({"stage": OTHER}, "features.name is 'laguerre' there and 'response' here"),
     ],
 )
 def test_another_configuration_is_refused(partial, change, message):

@@ -19,6 +19,9 @@ ROLES: dict[str, tuple[str, ...]] = {
 }
 """Roles that have options of their own, and further names of these options."""
 
+UNITS = {"time": "ms", "input": "deg", "output": "deg/s", "speed": "km/h"}
+"""Examples for the help."""
+
 SPEED = "speed"
 
 
@@ -75,12 +78,12 @@ def _names(role: str, ending: str) -> list[str]:
 
 
 def _column(role: str) -> Decorator:
-    help = f"Column of the {role}: its name, or its number from 1."
+    help = f"Name of the {role} column, or its number from 1."
     return click.option(*_names(role, "column"), f"{role}_column", metavar="COLUMN", help=help)
 
 
 def _unit(role: str) -> Decorator:
-    help = f"Unit of the {role}, such as mV. [default: what the log says, or the plant's]"
+    help = f"Unit of the {role}, such as {UNITS[role]}. [default: the log's or the plant's]"
     return click.option(*_names(role, "unit"), f"{role}_unit", metavar="UNIT", help=help)
 
 

@@ -162,6 +162,14 @@ def _check_names(plant: Mapping[str, Any]) -> None:
     })  # fmt: skip
 
 
+def _display(name: str, value: Any) -> Any:
+    """Pairs of a label and a factor, of input and output."""
+    factor = partial(validation.number, above=0.0, remedy="Give the factor to the label's unit.")
+    labelled = partial(_pair, example='("speed [rpm]", 9.55)', first=validation.text, second=factor)
+    example = '(("voltage [mV]", 1e3), ("speed [rpm]", 9.55))'
+    return None if value is None else _pair(name, value, example, labelled, labelled)
+
+
 _OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks")
 
 _SETTINGS: dict[str, Check] = {
