@@ -97,6 +97,7 @@ def test_the_page_has_all_that_was_measured_and_says_what_was_not():
     assert "Not installed" in text and "pysib" in text
 
 
+@pytest.mark.slow  # compiles
 def test_growth_is_measured_in_a_fresh_process():
     found = stages.growth_in_fresh_process([10])
     assert [row["size"] for row in found["episodes"]] == [10]
