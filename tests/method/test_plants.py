@@ -147,7 +147,7 @@ def test_a_result_says_what_was_found(tuner, tested):
     assert result.gains["kp"] == pytest.approx(T / (K * TAU), rel=0.05)
     assert result.fit.parameters == pytest.approx({"K": K, "T": T}, rel=0.05)
     assert result.kp == result.gains["kp"]
-    interval = result.intervals["relative error of kp"]
+    interval = result.intervals["relative_error_of_kp"]
     assert interval.low < interval.value < interval.high
     assert result.notes == () and result.trusted
     assert tuner.tune(U[:400], tested.y[0, :400]).notes != ()
@@ -172,7 +172,7 @@ def test_another_sampling_time_gives_the_same(tuner, Ts):
     assert whole.trusted and part.trusted, part.reasons
     assert f"Ts is {Ts:g} s" in part.notes[0] and "resampled" in part.notes[0]
     for name, right in zip(plant.gains, plant.oracle(theta)[0], strict=True):
-        one, other = (r.intervals[f"relative error of {name}"] for r in (whole, part))
+        one, other = (r.intervals[f"relative_error_of_{name}"] for r in (whole, part))
         assert other.low < one.value < other.high
         wider = (other.high - other.low) / (one.high - one.low)
         assert wider == pytest.approx(np.sqrt(parts), rel=0.25)
