@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 VALIDATION = 300
 
+CALIBRATION = 2000
+"""Episodes that calibrate the intervals."""
+
 USUAL = 0.95
 """Share of the validation recordings that are trusted; below it the output names a remedy."""
 
@@ -30,7 +33,7 @@ USUAL = 0.95
     help="Learn from a folder of `yawrate dataset` instead of simulating.",
 )
 @click.option("-o", "--out", type=Output(SUFFIX), required=True, help=f"Tuner to write, *{SUFFIX}.")
-@click.option("--episodes", type=COUNT, help="Simulated plants. [default: 1000 or more]")
+@click.option("--episodes", type=COUNT, help="Simulated plants. [default: 1000 to 2000]")
 @click.option(
     "--seed",
     type=SEED,
@@ -67,8 +70,13 @@ def command(
             plant = None if vehicle is None else plant_from(vehicle)
             tuner = data.train(folder, plant=plant, seed=seed, progress=bars)
         else:
+            from tuners.tuner.training import recipe_for_logs
+
             plant = plant_from(vehicle)
-            tuner = tuners.train(plant, episodes=episodes, seed=seed, progress=bars)
+            recipe = recipe_for_logs(plant)
+            tuner = tuners.train(
+                recipe, plant, episodes=episodes, seed=seed, calibration=CALIBRATION, progress=bars
+            )
     tuner.save(out)
     click.echo(f"{out}: {accuracy(tuner, seed)}")
 

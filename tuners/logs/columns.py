@@ -214,7 +214,7 @@ def _quantity(table: Table, column: str, role: Role, given: str) -> tuple[Quanti
     """A column in the role's unit, and what was done to it."""
     read = table.column(column)
     said = given or units.stated(column, read.unit)
-    if not said and role.unit:
+    if not said and role.unit and _plain(column) not in map(_plain, role.names):
         said = next((s for n in role.names if (s := _suffix(column, _plain(n), role.unit))), "")
     (factor, offset), notes = _conversion(column, said, given, role)
     if role.scale != 1 and notes:

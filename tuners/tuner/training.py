@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from tuners.features import Features, features_named
 from tuners.features.laguerre import Laguerre
 from tuners.features.regularised import Regularised
+from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.trust.black_box import suited, suited_to_any_input
+from tuners.learners.trend import TrendSettings
+from tuners.trust.black_box import functions_for, suited, suited_to_any_input
 from tuners.trust.checks import Assessment
 from tuners.trust.intervals import conformal
 from tuners.tuner.examples import Examples, examples
@@ -25,7 +27,10 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 ORDER, MORE = 8, 24
+RESPONSE_ORDER = 12
 LEAST_PLANTS = 50
+
+_BAND = 0.2, 4.0  # of the crossover: frequencies whose response is a feature
 LEAST_CALIBRATION = 50
 
 
@@ -34,6 +39,21 @@ def recipe_for(plant: Plant) -> Recipe:
     learner = FeedForwardSettings(neurons=16, max_fail=10, epochs=300)
     count = 1000 if plant.excite is None else 2000
     return Recipe(features_for(plant), learner, noise_draws=6, episodes=count)
+
+
+def recipe_for_logs(plant: Plant) -> Recipe:
+    """A recipe for recordings whose input and length differ from the experiment's.
+
+    Of a linear plant with a crossover the features are its frequency response around it, which do
+    not depend on the input; any other plant gets `recipe_for`.
+    """
+    if not plant.linear or plant.crossover is None or plant.excite is not None:
+        return recipe_for(plant)
+    low, high = (share * plant.crossover for share in _BAND)
+    order = min(RESPONSE_ORDER, len(plant.u) // 10)
+    features = FrequencyResponse(order, functions_for(plant).pole, low, high)
+    learner = TrendSettings(FeedForwardSettings(neurons=16, max_fail=10, epochs=120))
+    return Recipe(features, learner, noise_draws=3, episodes=2000)
 
 
 def features_for(plant: Plant) -> Laguerre | Regularised:
