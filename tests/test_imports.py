@@ -1,4 +1,4 @@
-"""What imports what, and what is in the distribution."""
+"""What imports what, what importing loads, and what is in the distribution."""
 
 import ast
 import graphlib
@@ -12,13 +12,25 @@ import pytest
 import yawrate_env
 
 ROOT = Path(yawrate_env.__file__).parents[1]
-MODULES = sorted((ROOT / "yawrate_env").rglob("*.py"))
+FILES = sorted(p for name in ("yawrate_env", "tuners") for p in (ROOT / name).rglob("*.py"))
+FLOORS = {
+    "yawrate_env": ("signals", "loop", "plant", "vehicle", "env"),
+    "tuners": ("features", "learners", "trust", "tuner", "agents", "data", "logs", "export", "cli"),
+}
+METHOD = "features", "learners", "trust", "tuner"
+LEARNING = {"torch", "xgboost", "stable_baselines3", "sb3_contrib"}
+RECORDED = (
+    "import numpy as np, tuners; from yawrate_env.signals.excitation import prbs; "
+    "u = prbs(10000, 0.001, 0.1, 0.02)[0]; "
+)
 
 
 def dotted(path):
-    """Name of a module within the package, such as ``nonlinear.tyre``."""
-    parts = path.relative_to(ROOT / "yawrate_env").with_suffix("").parts
-    return ".".join(parts).removesuffix(".__init__")
+    """Name of a module, such as ``yawrate_env.vehicle.task``."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+NAMES = {dotted(path) for path in FILES}
 
 
 def imported_names(path):
@@ -32,30 +44,63 @@ def imported_names(path):
 
 
 def imported_modules(path):
-    """Modules of the package that a file imports: the longest name that is one."""
-    names = {dotted(module) for module in MODULES}
+    """Modules of both packages that a file imports: the longest name that is one."""
     for name in imported_names(path):
-        package, *rest = name.split(".")
-        while package == "yawrate_env" and rest:
-            if (module := ".".join(rest)) in names:
-                yield module
+        while name:
+            if name in NAMES:
+                yield name
                 break
-            rest.pop()
+            name = name.rpartition(".")[0]
 
 
-def test_imports_point_down_only():
-    graph = {dotted(path): set(imported_modules(path)) for path in MODULES}
-    assert (
-        graph["env"] and graph["vehicle"] and "nonlinear.tyre" in graph["nonlinear.vehicle"]
-    )  # the parser sees the imports
-    order = list(graphlib.TopologicalSorter(graph).static_order())  # raises on a cycle
-    assert order.index("vehicle") < order.index("env") < order.index("vector_env")
+GRAPH = {dotted(path): set(imported_modules(path)) for path in FILES}
 
 
-@pytest.mark.parametrize("path", MODULES, ids=dotted)
-def test_the_environment_knows_nothing_that_learns(path):
-    roots = {name.split(".")[0] for name in imported_names(path)}
-    assert not roots & {"tuners", "torch", "xgboost", "stable_baselines3", "sb3_contrib", "scripts"}
+def floor(name):
+    """Package and folder (or module) in it that a dotted name lies in."""
+    return ".".join(name.split(".")[:2])
+
+
+def test_no_module_imports_itself_round_a_corner():
+    assert GRAPH["yawrate_env.env.yaw_rate_env"] and GRAPH["tuners.tuner.tuner"]  # they are seen
+    list(graphlib.TopologicalSorter(GRAPH).static_order())  # raises on a cycle
+
+
+@pytest.mark.parametrize("package", FLOORS)
+def test_imports_of_folders_point_down(package):
+    order = [f"{package}.{name}" for name in FLOORS[package]]
+    for name, used in GRAPH.items():
+        if floor(name) in order:
+            above = order[order.index(floor(name)) + 1 :]
+            assert not {floor(u) for u in used} & set(above), name
+
+
+def test_folders_make_no_cycle():
+    graph = {}
+    for name, used in GRAPH.items():
+        graph.setdefault(floor(name), set()).update(floor(u) for u in used)
+    # The packages' own `__init__` gathers names from everywhere.
+    for name, used in graph.items():
+        used -= {name, "tuners", "yawrate_env"}
+    list(graphlib.TopologicalSorter(graph).static_order())
+
+
+def test_the_method_knows_no_vehicle_and_no_environment():
+    for name, used in GRAPH.items():
+        if name.split(".")[:1] == ["tuners"] and floor(name).partition(".")[2] in METHOD:
+            for other in used:
+                assert not other.startswith(("yawrate_env.vehicle", "yawrate_env.env")), name
+                assert "vehicle" not in other and "yaw_rate." not in other.partition(".")[2], name
+
+
+@pytest.mark.parametrize("package, never", [
+    ("yawrate_env", {"tuners", "scripts", "tests", "pytest", *LEARNING}),
+    ("tuners", {"scripts", "studies", "benchmarks", "tests", "recordings", "systems", "pytest"}),
+])  # fmt: skip
+def test_packages_know_nothing_above_them(package, never):
+    for path in FILES:
+        if dotted(path).split(".")[0] == package:
+            assert not {name.split(".")[0] for name in imported_names(path)} & never, path
 
 
 def modules_after(program):
@@ -70,11 +115,17 @@ def modules_after(program):
     return set(done.stdout.split())
 
 
-def test_importing_the_package_is_light():
+def test_importing_the_environment_is_light():
     loaded = modules_after("import yawrate_env")
     assert {"yawrate_env", "gymnasium"} <= loaded
-    heavy = {"torch", "xgboost", "stable_baselines3", "matplotlib", "scipy", "control", "numba"}
-    assert not loaded & heavy
+    assert not loaded & (LEARNING | {"tuners", "matplotlib", "scipy", "control", "numba"})
+
+
+def test_importing_the_tuners_is_light():
+    loaded = modules_after("import tuners")
+    assert {"tuners", "yawrate_env", "numba"} <= loaded
+    # SciPy is not in the list: numba imports it to find its BLAS.
+    assert not loaded & (LEARNING | {"matplotlib", "control", "tqdm", "PIL", "safetensors"})
 
 
 @pytest.mark.parametrize("name", [yawrate_env.ENV_ID, yawrate_env.NONLINEAR_ID])
@@ -84,8 +135,21 @@ def test_an_episode_needs_no_learning_and_no_plotting(name):
         "e.reset(seed=0); e.step(e.action_space.sample())"
     )
     assert "numba" in loaded
-    learning = {"tuners", "torch", "xgboost", "stable_baselines3", "sb3_contrib"}
-    assert not loaded & (learning | {"matplotlib", "control"})
+    assert not loaded & (LEARNING | {"tuners", "matplotlib", "control"})
+
+
+@pytest.mark.parametrize(
+    "name, needs, never",
+    [
+        ("ts-ff", {"safetensors"}, LEARNING),
+        ("ts-gbm", {"xgboost"}, LEARNING - {"xgboost"} | {"sklearn"}),
+        ("gb", set(), LEARNING | {"safetensors"}),
+    ],
+)
+def test_a_tuner_is_used_without_what_trained_it(name, needs, never):
+    loaded = modules_after(RECORDED + f"tuners.load({name!r}).tune(u, u, 0.001)")
+    assert needs <= loaded
+    assert not loaded & (never | {"matplotlib", "control"})
 
 
 def test_version_is_the_distributions():

@@ -6,25 +6,25 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from families import FAMILIES, observed, reference
+from families import tested as recordings
 
-import tuners
-from tuners.tuner.baselines import Nominal, Oracle
-from tuners.tuner.evaluation import COLUMNS, evaluate, write_csv
-from tuners.tuner.gray_box import GrayBox
+from tuners.tuner.evaluation import columns, evaluate, write_csv
+from tuners.tuner.method import Gains
+from tuners.tuner.rivals import GrayBox, Nominal, Oracle
 from tuners.tuner.tuner import Tuner
-from yawrate_env.loop.design import Design
 from yawrate_env.loop.target import Target
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops
-from yawrate_env.vehicle.single_track import Context
-from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.plant.episodes import recorded
+from yawrate_env.plant.names import split
+from yawrate_env.vehicle.task import Experiment, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
-TEST = CONTEXT_SETS["test"]
+BRIEF = yaw_rate(Task(experiment=Experiment(Ts=0.01, N=200)))
+PRINTED = yaw_rate(Task(experiment=Experiment(Ts=0.01, N=200), target=Target(controller="printed")))
 
 
-def evaluated(names, contexts=TEST, task=None, episodes=5, seed=0, **settings):
-    chosen = names if isinstance(names, dict) else {name: tuners.load(name) for name in names}
-    return evaluate(chosen, task or Task(), contexts, episodes=episodes, seed=seed, **settings)
+def evaluated(tuners, plant, name="test", episodes=5, seed=0, **settings):
+    return evaluate(tuners, plant, name, episodes=episodes, seed=seed, **settings)
 
 
 def table(path):
@@ -32,149 +32,133 @@ def table(path):
         return list(csv.DictReader(file))
 
 
-def test_columns_are_the_agreed_ones(tmp_path):
-    write_csv(tmp_path / "rows.csv", evaluated(["ts-ff", "nominal"], episodes=3))
-    header = "tuner,episode,mu_s,M_delta,v_x,kp,Ti,phase_margin,crossover,stable,seconds"
-    lines = (tmp_path / "rows.csv").read_text().splitlines()
-    assert lines[0] == header == ",".join(COLUMNS)
-    assert len(lines) == 1 + 2 * 3
+def test_rows_hold_the_numbers_to_twelve_digits(tuner, family, plant, tmp_path):
+    chosen = {"own": tuner, "nominal": reference(family, Nominal)}
+    found = evaluated(chosen, plant, episodes=3)
+    write_csv(tmp_path / "rows.csv", found)
     rows = table(tmp_path / "rows.csv")
     assert [(r["tuner"], r["episode"]) for r in rows] == [
-        (name, str(k)) for name in ("ts-ff", "nominal") for k in range(3)
+        (name, str(k)) for name in chosen for k in range(3)
     ]
-    assert {r["stable"] for r in rows} == {"True"}
-
-
-def test_rows_hold_the_numbers_to_twelve_digits(tmp_path):
-    (found,) = evaluated(["ts-ff"])
-    write_csv(tmp_path / "rows.csv", [found])
-    rows = table(tmp_path / "rows.csv")
-    for name in ("kp", "Ti", "phase_margin", "crossover"):
-        written = [float(r[name]) for r in rows]
-        np.testing.assert_allclose(written, getattr(found, name), rtol=1e-11)
-    for name in ("mu_s", "M_delta", "v_x"):
-        written = [float(r[name]) for r in rows]
-        np.testing.assert_allclose(written, getattr(found.context, name), rtol=1e-11)
+    metrics = [split(name)[0] for name in plant.counted]
+    assert list(rows[0]) == list(columns(plant)) == [
+        "tuner", "episode", *plant.prior, *plant.gains, *metrics, "stable", "seconds",
+    ]  # fmt: skip
+    names = [*plant.prior, *plant.gains, *metrics]
+    written = np.array([[float(r[name]) for name in names] for r in rows])
+    numbers = np.concatenate([np.concatenate([e.theta, e.gains, e.metrics], 1) for e in found])
+    np.testing.assert_allclose(written, numbers, rtol=1e-11, atol=1e-15)
     assert all(float(r["seconds"]) > 0 for r in rows)
+    # The metrics are those of the written gains and plant.
+    theta, gains = written[:, : len(plant.prior)], written[:, len(plant.prior) :][:, :2]
+    np.testing.assert_allclose(
+        plant.metric_values(theta, gains), written[:, -len(metrics) :], rtol=1e-8, atol=1e-9
+    )
 
 
-def test_the_margins_are_those_of_the_written_gains_and_vehicle(tmp_path):
-    write_csv(tmp_path / "rows.csv", evaluated(["ts-gbm"]))
-    for r in table(tmp_path / "rows.csv"):
-        judge = loops(Task(), Context.of(*(float(r[n]) for n in ("mu_s", "M_delta", "v_x"))))
-        verdict = judge.evaluate(*(np.array([float(r[n])]) for n in ("kp", "Ti")))
-        assert float(r["phase_margin"]) == pytest.approx(verdict.margins.phase_margin[0], rel=1e-9)
-        assert float(r["crossover"]) == pytest.approx(verdict.margins.crossover[0], rel=1e-9)
+def test_columns_of_a_vehicle_are_the_agreed_ones():
+    header = "tuner,episode,mu_s,M_delta,v_x,kp,Ti,phase_margin,crossover,stable,seconds"
+    assert ",".join(columns(BRIEF)) == header
 
 
-def test_every_tuner_gets_the_same_episodes_whatever_the_company():
-    together = evaluated(["nominal", "ts-ff", "gb"])
+def test_evaluation_and_policy_give_the_same(tuner, plant, episodes):
+    (found,) = evaluated({"own": tuner}, plant, episodes=4, batch=4)
+    np.testing.assert_array_equal(found.theta, episodes.known[:4])
+    actions, _ = tuner.predict(observed(plant, episodes)[:4])
+    np.testing.assert_allclose(found.gains, actions, rtol=1e-9)
+    errors = found.metrics - plant.targets(found.theta)
+    np.testing.assert_allclose(errors, plant.errors(found.theta, actions), rtol=1e-6, atol=1e-9)
+
+
+def test_every_tuner_gets_the_same_episodes_whatever_the_company(tuner, family, plant):
+    chosen = {"nominal": reference(family, Nominal), "own": tuner}
+    together = evaluated(chosen, plant, episodes=3)
     for one in together:
-        (alone,) = evaluated([one.tuner])
-        for name in ("mu_s", "M_delta", "v_x"):
-            values = getattr(one.context, name)
-            np.testing.assert_array_equal(values, getattr(together[0].context, name))
-            np.testing.assert_array_equal(values, getattr(alone.context, name))
-        np.testing.assert_array_equal(one.kp, alone.kp)
+        (alone,) = evaluated({one.tuner: chosen[one.tuner]}, plant, episodes=3)
+        np.testing.assert_array_equal(one.theta, together[0].theta)
+        np.testing.assert_array_equal(one.theta, alone.theta)
+        np.testing.assert_array_equal(one.gains, alone.gains)
 
 
-def test_seed_and_context_set_decide_the_episodes():
+def test_seed_and_set_decide_the_episodes():
     first, again, other, train = (
-        evaluated(["nominal"], contexts=CONTEXT_SETS[name], seed=seed)[0].context.mu_s
+        evaluated({"nominal": Tuner(BRIEF, Nominal())}, BRIEF, name, seed=seed)[0].theta
         for name, seed in (("test", 1), ("test", 1), ("test", 2), ("train", 1))
     )
     np.testing.assert_array_equal(first, again)
-    assert not np.isin(first, np.concatenate([other, train])).any()
+    assert not np.isin(first[:, 0], np.concatenate([other, train])[:, 0]).any()
 
 
-def test_more_episodes_start_with_the_same():
-    few, many = (evaluated(["ts-ff"], episodes=n)[0] for n in (3, 7))
-    np.testing.assert_array_equal(few.kp, many.kp[:3])
-
-
-@pytest.mark.parametrize("name", ["ts-ff", "ts-gbm", "gb", "nominal", "oracle"])
-def test_the_batch_size_changes_nothing_but_the_seconds(name):
-    single, *others = (evaluated([name], episodes=20, batch=batch)[0] for batch in (1, 7, 64))
+def test_the_batch_size_changes_nothing_but_the_seconds(tuner, family, plant):
+    chosen = {"own": tuner, "nominal": reference(family, Nominal)}
+    first, *others = (evaluated(chosen, plant, episodes=12, batch=b) for b in (1, 5, 64))
     for other in others:
-        for column in ("kp", "Ti", "phase_margin", "crossover"):
+        for a, b in zip(first, other, strict=True):
             # Matrix products of other sizes round otherwise.
-            np.testing.assert_allclose(getattr(other, column), getattr(single, column), rtol=1e-9)
-        np.testing.assert_array_equal(other.stable, single.stable)
+            np.testing.assert_allclose(a.gains, b.gains, rtol=1e-9)
+            np.testing.assert_array_equal(a.stable, b.stable)
 
 
-def test_chunks_join_seamlessly():
-    # 256 episodes are simulated at a time.
-    (small,) = evaluated(["nominal"], task=SHORT, episodes=300, batch=100)
-    (large,) = evaluated(["nominal"], task=SHORT, episodes=300, batch=300)
-    assert len(small.kp) == 300
-    for name in ("kp", "phase_margin", "crossover", "stable"):
+def test_blocks_join_seamlessly():
+    tuner = {"nominal": Tuner(BRIEF, Nominal())}
+    small, large = (evaluated(tuner, BRIEF, episodes=300, batch=b)[0] for b in (100, 300))
+    assert len(small.gains) == 300
+    for name in ("theta", "gains", "metrics", "stable"):
         np.testing.assert_array_equal(getattr(small, name), getattr(large, name))
-    np.testing.assert_array_equal(small.context.mu_s, large.context.mu_s)
+    few = evaluated(tuner, BRIEF, episodes=3)[0]
+    np.testing.assert_array_equal(few.theta, large.theta[:3])
 
 
-SHORT = Task(experiment=Experiment(N=300))
-
-
-@pytest.mark.parametrize(
-    "task",
-    [
-        SHORT,
-        Task(prior=Prior(v_x=(10.0, 30.0)), experiment=Experiment(N=300, register="random")),
-        Task(target=Target(phase_margin=75.0, crossover=1.2), experiment=Experiment(N=300)),
-    ],
-    ids=["default", "speeds", "target"],
-)
-def test_the_oracle_makes_no_error(task):
-    (found,) = evaluated({"oracle": Oracle(task)}, task=task, episodes=50, batch=50)
+def test_the_oracle_makes_no_error(family, plant):
+    (found,) = evaluated({"oracle": reference(family, Oracle)}, plant, episodes=50, batch=50)
     # The design rule is exact; crossings are bisected to machine precision.
-    np.testing.assert_allclose(found.phase_margin, task.target.phase_margin, rtol=1e-9)
-    np.testing.assert_allclose(found.crossover, task.target.crossover, rtol=1e-9)
+    np.testing.assert_allclose(found.metrics, plant.targets(found.theta), rtol=1e-9, atol=1e-12)
     assert found.stable.all()
 
 
-def test_extrapolation_lies_beyond_the_prior():
-    (found,) = evaluated(["oracle"], CONTEXT_SETS["extrapolation"], SHORT, episodes=100, batch=100)
-    for values, low, high in ((found.context.mu_s, 1.1, 1.3), (found.context.M_delta, 300, 500)):
+def test_extrapolation_lies_outside_the_prior():
+    oracle = {"oracle": Tuner(BRIEF, Oracle())}
+    (found,) = evaluated(oracle, BRIEF, "extrapolation", episodes=100, batch=100)
+    for values, low, high in ((found.theta[:, 0], 1.1, 1.3), (found.theta[:, 1], 300, 500)):
         assert low <= values.min() < low + 0.1 * (high - low)
         assert high - 0.1 * (high - low) < values.max() <= high
-    np.testing.assert_array_equal(found.context.v_x, 20.0)
+    np.testing.assert_array_equal(found.theta[:, 2], 20.0)
 
 
-def test_speeds_reach_the_tuners():
-    task = Task(prior=Prior(v_x=(10.0, 30.0)))
-    (found,) = evaluated({"gb": GrayBox(task)}, task=task, episodes=6)
-    assert np.ptp(found.context.v_x) > 3
+def test_measured_parameters_reach_the_tuners():
+    name = "vehicle of any speed"
+    (found,) = evaluated({"gb": reference(name, GrayBox)}, FAMILIES[name], episodes=6)
+    assert np.ptp(found.theta[:, 2]) > 3
     # Ten standard deviations of the slippery and slow.
-    np.testing.assert_allclose(found.phase_margin, 60, atol=0.2)
+    np.testing.assert_allclose(found.metrics[:, 0], 60, atol=0.6)
 
 
-class Reckless(Tuner):
-    """Far too much gain for every second vehicle, none at all for the others."""
+class Reckless:
+    """Far too much gain for every second vehicle, hardly any for the others."""
 
-    kind = "reckless"
+    kind, needs_excitation, any_measured, any_experiment = "reckless", False, False, True
 
-    def gains(self, recording):
+    def gains(self, plant, recording):
         kp = np.where(np.arange(len(recording)) % 2 == 0, 10.0, 1e-3)
-        everyone = np.zeros(len(kp), dtype=int)
-        return Design(kp, np.full(len(kp), 100.0), everyone), everyone == 0
+        everyone = np.ones(len(kp), dtype=bool)
+        return Gains.of(np.stack([kp, np.full(len(kp), 100.0)], axis=1), everyone, everyone)
 
 
-def test_unstable_loops_and_missing_margins_are_written_as_they_are(tmp_path):
-    task = Task(experiment=Experiment(N=300), target=Target(controller="printed"))
+def test_unstable_loops_and_undefined_metrics_are_written_as_they_are(tmp_path):
     # The printed controller has no integrator: with little gain there is no crossover.
-    found = evaluated({"reckless": Reckless(task)}, task=task, episodes=4, batch=4)
+    found = evaluated({"reckless": Tuner(PRINTED, Reckless())}, PRINTED, episodes=4, batch=4)
     write_csv(tmp_path / "rows.csv", found)
     rows = table(tmp_path / "rows.csv")
     assert [r["kp"] for r in rows] == ["10", "0.001"] * 2
-    assert [r["phase_margin"] == "nan" for r in rows] == [False, True] * 2
-    assert [r["crossover"] == "nan" for r in rows] == [False, True] * 2
+    for name in ("phase_margin", "crossover"):
+        assert [r[name] == "nan" for r in rows] == [False, True] * 2
     assert [r["stable"] for r in rows][1::2] == ["True"] * 2
-    pi = evaluated({"reckless": Reckless(SHORT)}, task=SHORT, episodes=2, batch=2)
-    assert not pi[0].stable[0] and np.isfinite(pi[0].phase_margin[0])
+    pi = evaluated({"reckless": Tuner(BRIEF, Reckless())}, BRIEF, episodes=2, batch=2)
+    assert not pi[0].stable[0] and np.isfinite(pi[0].metrics[0, 0])
 
 
 def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path):
-    found = evaluated(["nominal"], episodes=1)
+    found = evaluated({"nominal": Tuner(BRIEF, Nominal())}, BRIEF, episodes=1)
     with pytest.raises(OSError):
         write_csv(tmp_path / "absent" / "rows.csv", found)
     broken = dataclasses.replace(found[0], seconds=np.array([None]))
@@ -184,18 +168,21 @@ def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path):
 
 
 def test_progress_is_reported_to_the_end():
-    calls = []
-    evaluated(["nominal", "oracle"], task=SHORT, episodes=300, batch=300,
+    calls, chosen = [], {"a": Tuner(BRIEF, Nominal()), "b": Tuner(BRIEF, Oracle())}
+    evaluated(chosen, BRIEF, episodes=300, batch=300,
               progress=lambda done, of: calls.append((done, of)))  # fmt: skip
     assert [of for _, of in calls] == [600] * len(calls)
     done = [d for d, _ in calls]
     assert done == sorted(done) and done[-1] == 600
 
 
-@pytest.mark.parametrize("wrong", [{"episodes": 0}, {"seed": -1}, {"batch": 0}, {"batch": 1.5}])
-def test_wrong_numbers_are_refused(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        evaluated({"nominal": Nominal(SHORT)}, task=SHORT, **wrong)
+@pytest.mark.parametrize(
+    "wrong", [{"episodes": 0}, {"seed": -1}, {"batch": 0}, {"batch": 1.5}, {"name": "tset"}]
+)
+def test_wrong_arguments_are_refused(wrong):
+    name = "set of episodes = 'tset'" if "name" in wrong else next(iter(wrong))
+    with pytest.raises(ValueError, match=name):
+        evaluated({"nominal": Tuner(BRIEF, Nominal())}, BRIEF, **wrong)
 
 
 def test_seconds_are_an_episodes_share_of_its_batch(monkeypatch):
@@ -203,13 +190,19 @@ def test_seconds_are_an_episodes_share_of_its_batch(monkeypatch):
     clock.perf_counter = lambda: clock.now
 
     class Slow(Nominal):
-        def gains(self, recording):
+        def gains(self, plant, recording):
             clock.now += 6.0
-            return super().gains(recording)
+            return super().gains(plant, recording)
 
     monkeypatch.setattr("tuners.tuner.evaluation.time", clock)
-    (single,) = evaluated({"slow": Slow(SHORT)}, task=SHORT, episodes=4)
-    (batch,) = evaluated({"slow": Slow(SHORT)}, task=SHORT, episodes=4, batch=3)
+    slow = {"slow": Tuner(BRIEF, Slow())}
+    (single,) = evaluated(slow, BRIEF, episodes=4)
+    (batch,) = evaluated(slow, BRIEF, episodes=4, batch=3)
     assert single.seconds.tolist() == [6.0] * 4
     assert batch.seconds.tolist() == [2.0] * 3 + [6.0]
     assert clock.now == 6.0 * (1 + 4 + 1 + 2)  # once more each, before the clock runs
+
+
+def test_the_test_set_is_that_of_the_episodes(plant, family):
+    block = recorded(plant, "test", 0, 3)
+    np.testing.assert_array_equal(block.y, recordings(family).y[:3])
