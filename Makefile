@@ -62,8 +62,8 @@ results: reproduce accuracy ## everything in results/: also five seeds of each a
 	@echo "==> scripts/nonlinear_twin.py"
 	@$(BIN)/python scripts/nonlinear_twin.py
 	@for plant in dc_motor two_tanks; do \
-		echo "==> examples/plants/$$plant.py"; \
-		$(BIN)/python examples/plants/$$plant.py || exit 1; \
+		echo "==> scripts/compare_plant.py $$plant"; \
+		$(BIN)/python scripts/compare_plant.py examples/plants/$$plant.py || exit 1; \
 	done
 	@echo "==> scripts/make_results.py"
 	@$(BIN)/python scripts/make_results.py

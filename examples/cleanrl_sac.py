@@ -26,7 +26,7 @@ import yawrate_env  # noqa: F401, registers the environments
 @dataclass
 class Args:
     env_id: str = "yawrate/PITuningFeatures-v0"
-    compressor: str = "laguerre"
+    features: str = "laguerre"
     seed: int = 1
     total_episodes: int = 5000
     num_envs: int = 16
@@ -91,7 +91,7 @@ class Critics(nn.Module):
 
 def evaluate(actor: Actor, args: Args) -> dict[str, np.ndarray]:
     """Deterministic actions on fresh episodes; one step of a large batch."""
-    envs = gym.make_vec(args.env_id, num_envs=args.eval_episodes, compressor=args.compressor)
+    envs = gym.make_vec(args.env_id, num_envs=args.eval_episodes, features=args.features)
     obs, _ = envs.reset(seed=1_000_000_000)
     with torch.no_grad():
         *_, infos = envs.step(actor.best(torch.as_tensor(obs)).numpy())
@@ -107,7 +107,7 @@ def train(args: Args) -> Actor:
 
         writer = SummaryWriter(f"{args.log}/sac-{args.seed}-{int(time.time())}")
 
-    envs = gym.make_vec(args.env_id, num_envs=args.num_envs, compressor=args.compressor)
+    envs = gym.make_vec(args.env_id, num_envs=args.num_envs, features=args.features)
     envs.action_space.seed(args.seed)
     (obs_dim,), (act_dim,) = envs.single_observation_space.shape, envs.single_action_space.shape
 

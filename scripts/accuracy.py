@@ -5,68 +5,79 @@ python scripts/accuracy.py trust      # faulty recordings, unusual ones, interva
 python scripts/accuracy.py budget     # what each stage of a tuner loses
 python scripts/accuracy.py learning   # 100 to 100 000 training vehicles
 python scripts/accuracy.py million    # the worst of a million episodes
-python scripts/accuracy.py page       # results/accuracy.md from what is there
+python scripts/accuracy.py page       # results/accuracy.md from the tables of the others
 
 `learning` and `million` go on where an earlier call with the same --results was cut off.
 """
 
-import argparse
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-import arguments
+import click
+
 import tuners
 from studies import accuracy_page, budget, learning, million, ratios, readme, trusting
 from studies.plots import save
+from studies.program import counted, folders, program, seed
+from tuners.cli.arguments import COUNT
 from tuners.cli.progress import Bars
 from yawrate_env.files import write_text
 
 
-def of_ratios(args: argparse.Namespace, path: Path, bars: Bars) -> str:
-    episodes, close = (args.episodes, args.episodes) if args.episodes else (1500, 20_000)
-    rows = ratios.run(episodes, close, progress=bars)
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Arguments of a study; None for its own default."""
+
+    episodes: int | None
+    vehicles: tuple[int, ...]
+    tuner: tuple[str, ...]
+    seed: int
+    figures: Path
+
+
+def of_ratios(given: Settings, path: Path, bars: Bars) -> str:
+    few, many = (given.episodes, given.episodes) if given.episodes else (1500, 20_000)
+    rows = ratios.run(few, many, progress=bars)
     write_text(path, ratios.to_json(rows))
     return ratios.to_markdown(rows)
 
 
-def of_trust(args: argparse.Namespace, path: Path, bars: Bars) -> str:
-    players = {name: tuners.load(name) for name in args.tuner or ("ts-ff-lag", "ts-ff-lag-vx")}
-    each = args.episodes or 200
+def of_trust(given: Settings, path: Path, bars: Bars) -> str:
+    players = {name: tuners.load(name) for name in given.tuner}
+    each = given.episodes or 200
     found = trusting.run(
         players, faults_each=each, episodes=5 * each, unusual_each=each, covered=25 * each,
-        seed=args.seed, progress=bars,
+        seed=given.seed, progress=bars,
     )  # fmt: skip
     write_text(path, json.dumps(found, indent=1) + "\n")
     return trusting.to_markdown(found)
 
 
-def of_budget(args: argparse.Namespace, path: Path, bars: Bars) -> str:
-    sizes = budget.Sizes(args.episodes or 1500, *(args.vehicles or ()))
+def of_budget(given: Settings, path: Path, bars: Bars) -> str:
+    sizes = budget.Sizes(given.episodes or 1500, *given.vehicles)
     rows = budget.budget(sizes, progress=bars)
     write_text(path, budget.to_json(rows, sizes))
     return budget.to_markdown(rows)
 
 
-def of_learning(args: argparse.Namespace, path: Path, bars: Bars) -> str:
+def of_learning(given: Settings, path: Path, bars: Bars) -> str:
     from studies import learning_plot
 
-    rows = learning.learn(
-        path, args.vehicles or learning.VEHICLES, args.episodes or 1500, progress=bars
-    )
-    args.figures.mkdir(parents=True, exist_ok=True)
-    save(learning_plot.curves(rows), args.figures / "learning.png")
+    vehicles = given.vehicles or learning.VEHICLES
+    rows = learning.learn(path, vehicles, given.episodes or 1500, progress=bars)
+    save(learning_plot.curves(rows), given.figures / "learning.png")
     return learning.to_markdown(rows)
 
 
-def of_million(args: argparse.Namespace, path: Path, bars: Bars) -> str:
+def of_million(given: Settings, path: Path, bars: Bars) -> str:
     players = {name: tuners.load(name) for name in ("ts-ff-lag", "ts-ff")}
-    return million.to_markdown(
-        million.run(players, args.episodes or 1_000_000, path, progress=bars)
-    )
+    found = million.run(players, given.episodes or 1_000_000, path, progress=bars)
+    return million.to_markdown(found)
 
 
-STUDIES: dict[str, Callable[[argparse.Namespace, Path, Bars], str]] = {
+STUDIES: dict[str, Callable[[Settings, Path, Bars], str]] = {
     "ratios": of_ratios,
     "trust": of_trust,
     "budget": of_budget,
@@ -75,39 +86,49 @@ STUDIES: dict[str, Callable[[argparse.Namespace, Path, Bars], str]] = {
 }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("study", choices=(*STUDIES, "page"))
-    parser.add_argument(
-        "--episodes", type=arguments.whole,
-        help="to test on; default 1500, million 1000000, trust 200 of each kind",
-    )  # fmt: skip
-    parser.add_argument(
-        "--vehicles", type=arguments.whole, nargs="+", metavar="M",
-        help="training vehicles; default: budget 1500 20000, learning 100 to 100000",
-    )  # fmt: skip
-    parser.add_argument("--tuner", action="append", metavar="NAME", help="trust: whose")
-    parser.add_argument("--seed", type=arguments.seed, default=1, help="trust: default 1")
-    parser.add_argument("--results", type=Path, default=Path("results"), help="folder for tables")
-    parser.add_argument("--figures", type=Path, default=Path("figures"), help="folder for pictures")
-    parser.add_argument("--readme", type=Path, help="page: file whose table is brought up to date")
-    args = parser.parse_args()
-    if args.study == "budget" and args.vehicles and len(args.vehicles) != 2:
-        parser.error("--vehicles: budget takes two numbers, the usual one and as many as it takes")
-    args.results.mkdir(parents=True, exist_ok=True)
-    if args.study == "page":
-        write_text(args.results / "accuracy.md", accuracy_page.page(args.results))
-        if args.readme:
-            readme.update(args.readme, args.results / "ratios.md")
+@program(__doc__)
+@click.argument("study", metavar="STUDY", type=click.Choice([*STUDIES, "page"]))
+@counted(
+    "--episodes", None, "Test episodes.  [default: 1500, million 1000000, trust 200 of each kind]"
+)
+@click.option(
+    "--vehicles", type=COUNT, multiple=True, metavar="M",
+    help="Training vehicles; may be repeated.  [default: budget 1500 and 20000, learning 100 to "
+    "100000]",
+)  # fmt: skip
+@click.option(
+    "--tuner", multiple=True, default=("ts-ff-lag", "ts-ff-lag-vx"), metavar="NAME",
+    help="For trust; may be repeated.",
+)  # fmt: skip
+@seed(1, "For trust.")
+@folders
+@click.option(
+    "--readme", "front", type=click.Path(path_type=Path), help="For page: README to update."
+)
+def main(
+    study: str,
+    episodes: int | None,
+    vehicles: tuple[int, ...],
+    tuner: tuple[str, ...],
+    seed: int,
+    results: Path,
+    figures: Path,
+    front: Path | None,
+) -> None:
+    if study == "budget" and len(vehicles) not in (0, 2):
+        raise click.UsageError("--vehicles: budget takes two numbers, the usual one and many.")
+    results.mkdir(parents=True, exist_ok=True)
+    if study == "page":
+        write_text(results / "accuracy.md", accuracy_page.page(results))
+        if front:
+            readme.update(front, results / "ratios.md")
         return
-    path = args.results / f"{args.study}.json"
+    path = results / f"{study}.json"
     with Bars() as bars:
-        text = STUDIES[args.study](args, path, bars)
+        text = STUDIES[study](Settings(episodes, vehicles, tuner, seed, figures), path, bars)
     write_text(path.with_suffix(".md"), text)
     print(text)
 
 
 if __name__ == "__main__":
-    arguments.run(main)
+    main()

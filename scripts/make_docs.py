@@ -50,40 +50,49 @@ CLI_PAGE = """\
 | exit status | meaning |
 |---|---|
 | 0 | done; of `tune`: the gains are trusted |
-| 1 | a log, a model or a vehicle's file cannot be used; the reason is on stderr |
+| 1 | a log, a tuner or a plant's file cannot be used; the reason is on stderr |
 | 2 | wrong usage |
 | 3 | of `tune`: the gains are not trusted; the reasons are in the output |
 
 {commands}
 
-## Logs of a plant of your own
+## What a log may hold
 
-`yawrate tune log.csv --tuner my.tuner` takes the tuner of [a plant](plants.md) as it takes a
-vehicle's, with the same formats, exit statuses, `--report` and `--json`. What differs:
+Every tuner reads logs in the same way, for a vehicle as for [any other plant](plants.md).
 
-- **Columns** are called as the plant calls its signals and measured parameters, or `u` and
-  `y`; others are named by `--input-column` and `--output-column`.
-- **Units**: a column that says `[mV]`, or is called `voltage_mV`, or has it in a row of units
-  or as an MDF channel's, is converted where the plant has `voltage [V]`, and a note says so;
-  `--input-unit` and `--output-unit` say what a log doesn't. A unit that is not known, or that
+- **Columns** are named as the plant names its signals, measured parameters and their labels,
+  with known synonyms (`steer`, `yaw_rate`, `speed` for vehicles), or `t`, `u` and `y`. Others
+  are given by `--input-column`, `--output-column`, `--measured NAME=COLUMN`.
+- **Units**: a column called `voltage [mV]` or `voltage_mV`, or whose unit stands in a row of
+  units or with an MDF channel, is converted where the plant has `voltage [V]`, and a note says
+  so; `--input-unit` and `--output-unit` say what a log doesn't. A unit that is unknown, or that
   measures something else, is refused.
-- **Signs and ratios**: `--output-scale -1` for a sensor that counts the other way, and
-  `--input-scale 50` for what is measured behind a gear. Scales come after units; one that would
+- **Signs and ratios**: `--flip-output` for a sensor that counts the other way, and
+  `--input-scale 50` for a signal measured behind a gear. Scales come after units; one that would
   convert a second time is refused.
-- **Measured parameters** are a column's mean over the stretch that is used, converted
-  likewise: of the column of the parameter's name, or of `--measured speed=wheel_speed`. Or they
-  are `--measured speed=20` in the plant's unit. What reads as a number is one: a column that is
-  called so, or is meant by its place, is put in quotes, `--measured 'speed="3"'`.
-- **Sampling**: other times than the plant's are resampled, the input held, the output along a
-  cubic spline. Slower than a tenth of the crossover's period is refused, or than ten of the
-  plant's samples where it has no crossover. An output that bends sharply where the input
-  jumps, as that of a single lag does, needs samples nearer to the plant's own.
-- **Stretch**: of a log longer than two experiments the best-excited part, for plants with
-  `linear=True`. Others start from rest, and are used from the first sample on.
-- **`--start auto`** means `rest` where responses do not add up.
+- **Measured parameters** are a column's mean over the stretch that is used, or
+  `--measured speed=20` in the plant's unit. A value that reads as a number is one: put a
+  column's name or number in quotes, `--measured 'speed="3"'`.
+- **Sampling**: another sampling time than the plant's is resampled, the input held, the output
+  along a cubic spline. Sampling times above a tenth of the crossover's period are refused, or
+  above ten of the plant's where it has no crossover.
+- **Stretch**: of a log longer than two experiments the best-excited part is used, for plants
+  with `linear=True`. Others start from rest and are used from the first sample on.
+- **`--start auto`** means `rest` for plants whose responses do not add up.
 
-Nothing is known of what the quantities may be: only what stands still is refused, and the
-checks of trust have to find wrong units. A vehicle's flags are refused by name.
+`--steer-column`, `--steer-unit`, `--flip-steer` and `--steer-is` are other names of the
+`--input-` options, `--yaw-rate-column`, `--yaw-rate-unit` and `--flip-yaw-rate` of the
+`--output-` options; `--steer-ratio R` divides the input by R.
+
+## What `tune --json` prints
+
+Gains and metrics stand by name at the top level and, all of them, in `gains` and `metrics`
+(each with `value`, `low`, `high`); names have no units, `units` lists these. `parameters` are
+those of the fitted plant, `deviations` the standard deviations of the estimated ones. `log` has
+the stretch, the measured parameters and the excitation, `fit` the estimated parameters and what
+the recording started from, `checks` every check with value and limit, `forms` a PI controller's
+usual forms. What does not exist is `null`: where a tuner finds no gains, `status` says why, and
+`fallback` has gains that are stable for every plant of the prior.
 """
 
 

@@ -4,47 +4,49 @@ python scripts/make_results.py
 python scripts/make_results.py --policy my_agent:Fixed --results mine   # yours among them
 """
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
-import arguments
+import click
+
 import tuners
 from studies import results_page, scoreboard
-from tuners.agents import policies
+from studies.program import FOLDER, counted, policies, program
+from tuners.agents.policies import chosen
 from tuners.cli.progress import Bars
 from yawrate_env.env.yaw_rate_env import PITuningEnv
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument(
-        "--tuner", action="append", default=[], metavar="FILE",
-        help="a .tuner file beside the tuners that the package ships; may be repeated",
-    )  # fmt: skip
-    policies.add_arguments(parser)
-    parser.add_argument(
-        "--episodes", type=arguments.whole, default=scoreboard.PROTOCOL.episodes,
-        help="of each context set; other than the default %(default)s it is a trial",
-    )  # fmt: skip
-    parser.add_argument("--results", type=Path, default=Path("results"), help="folder to write to")
-    args = parser.parse_args()
-    args.results.mkdir(parents=True, exist_ok=True)
+@program(__doc__)
+@click.option(
+    "--tuner", multiple=True, metavar="FILE",
+    help="A .tuner file to score with those that the package ships; may be repeated.",
+)  # fmt: skip
+@policies
+@counted("--episodes", scoreboard.PROTOCOL.episodes, "Of each set; with another number, a trial.")
+@click.option("--results", type=FOLDER, default=Path("results"), help="Folder to write to.")
+def main(
+    tuner: tuple[str, ...],
+    policy: tuple[str, ...],
+    sb3: tuple[str, ...],
+    algo: str | None,
+    episodes: int,
+    results: Path,
+) -> None:
     players: dict[str, scoreboard.Policy] = {
         **scoreboard.available(),
-        **{name: tuners.load(name) for name in args.tuner},
-        **policies.chosen(args.policy, args.sb3, args.algo, PITuningEnv()),
+        **{name: tuners.load(name) for name in tuner},
+        **chosen(policy, sb3, algo, PITuningEnv()),
     }
-    protocol = replace(scoreboard.PROTOCOL, episodes=args.episodes)
+    results.mkdir(parents=True, exist_ok=True)
+    protocol = replace(scoreboard.PROTOCOL, episodes=episodes)
     with Bars() as bars:
         board = scoreboard.run(players, protocol, bars)
-    results_page.write(board, protocol, args.results)
+    results_page.write(board, protocol, results)
     first = protocol.context_sets[0]
-    shown = [row for row in board if row.context_set == first]
-    print(results_page.table(shown, results_page.bound(protocol, first)))
+    rows = [row for row in board if row.context_set == first]
+    print(results_page.scores(rows, results_page.bound(protocol, first)))
 
 
 if __name__ == "__main__":
-    arguments.run(main)
+    main()

@@ -3,32 +3,27 @@
 python scripts/reproduce_paper.py            # results/ and figures/, about two minutes
 """
 
-import argparse
 from pathlib import Path
 
-import arguments
+import click
+
 from studies import paper, readme
+from studies.program import counted, folders, program, seed
 from tuners.cli.progress import Bars
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument(
-        "--episodes", type=arguments.whole, default=1500, help="training and test, default 1500"
-    )
-    parser.add_argument("--seed", type=arguments.seed, default=0, help="default 0")
-    parser.add_argument("--results", type=Path, default=Path("results"), help="folder for tables")
-    parser.add_argument("--figures", type=Path, default=Path("figures"), help="folder for pictures")
-    parser.add_argument("--readme", type=Path, help="file whose table is brought up to date")
-    args = parser.parse_args()
+@program(__doc__)
+@counted("--episodes", 1500, "For training and for the test.")
+@seed(help="Of both.")
+@folders
+@click.option("--readme", "page", type=click.Path(path_type=Path), help="Page to update.")
+def main(episodes: int, seed: int, results: Path, figures: Path, page: Path | None) -> None:
     with Bars() as bars:
-        table = paper.reproduce(args.episodes, args.seed, args.results, args.figures, bars)
-    if args.readme:
-        readme.update(args.readme, args.results / "table3.md")
+        table = paper.reproduce(episodes, seed, results, figures, bars)
+    if page:
+        readme.update(page, results / "table3.md")
     print(table)
 
 
 if __name__ == "__main__":
-    arguments.run(main)
+    main()

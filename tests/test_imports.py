@@ -1,23 +1,23 @@
 """What imports what, what importing loads, and what is in the distribution."""
 
-import ast
 import graphlib
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pytest
+from imports import imported_names, modules_after
+from recordings import ROOT
 
 import yawrate_env
 
-ROOT = Path(yawrate_env.__file__).parents[1]
 FILES = sorted(p for name in ("yawrate_env", "tuners") for p in (ROOT / name).rglob("*.py"))
 FLOORS = {
     "yawrate_env": ("signals", "loop", "plant", "vehicle", "env"),
     "tuners": ("features", "learners", "trust", "tuner", "agents", "data", "logs", "export", "cli"),
 }
 METHOD = "features", "learners", "trust", "tuner"
+HEAVY = {"matplotlib", "control", "pandas", "pint", "msgspec"}
 LEARNING = {"torch", "xgboost", "stable_baselines3", "sb3_contrib"}
 RECORDED = (
     "import numpy as np, tuners; from yawrate_env.signals.excitation import prbs; "
@@ -31,16 +31,6 @@ def dotted(path):
 
 
 NAMES = {dotted(path) for path in FILES}
-
-
-def imported_names(path):
-    """Dotted names of all imports of a file, those inside functions too."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"relative import in {path.name}, line {node.lineno}"
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
 def imported_modules(path):
@@ -103,39 +93,53 @@ def test_packages_know_nothing_above_them(package, never):
             assert not {name.split(".")[0] for name in imported_names(path)} & never, path
 
 
-def modules_after(program):
-    listing = "; import sys; print(*{name.split('.')[0] for name in sys.modules})"
-    done = subprocess.run(
-        [sys.executable, "-c", program + listing],
-        cwd=ROOT,
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    return set(done.stdout.split())
-
-
 def test_importing_the_environment_is_light():
     loaded = modules_after("import yawrate_env")
     assert {"yawrate_env", "gymnasium"} <= loaded
-    assert not loaded & (LEARNING | {"tuners", "matplotlib", "scipy", "control", "numba"})
+    assert not loaded & (LEARNING | HEAVY | {"tuners", "scipy", "numba"})
 
 
 def test_importing_the_tuners_is_light():
     loaded = modules_after("import tuners")
     assert {"tuners", "yawrate_env", "numba"} <= loaded
     # SciPy is not in the list: numba imports it to find its BLAS.
-    assert not loaded & (LEARNING | {"matplotlib", "control", "tqdm", "PIL", "safetensors"})
+    assert not loaded & (LEARNING | HEAVY | {"tqdm", "PIL", "safetensors"})
 
 
-@pytest.mark.parametrize("name", [yawrate_env.ENV_ID, yawrate_env.NONLINEAR_ID])
-def test_an_episode_needs_no_learning_and_no_plotting(name):
+@pytest.mark.parametrize(
+    "name, settings",
+    [
+        (yawrate_env.ENV_ID, "N=500"),
+        (yawrate_env.NONLINEAR_ID, "N=500"),
+        (yawrate_env.PLANT_ID, "plant='first_order:plant'"),
+    ],
+)
+def test_an_episode_needs_no_learning_and_no_plotting(name, settings):
     loaded = modules_after(
-        f"import gymnasium, yawrate_env; e = gymnasium.make({name!r}, N=500); "
-        "e.reset(seed=0); e.step(e.action_space.sample())"
+        "import sys; sys.path.insert(0, 'tests'); import gymnasium, yawrate_env; "
+        f"e = gymnasium.make({name!r}, {settings}); e.reset(seed=0); "
+        "e.step(e.action_space.sample())"
     )
     assert "numba" in loaded
     assert not loaded & (LEARNING | {"tuners", "matplotlib", "control"})
+
+
+def test_import_registers_every_environment_once():
+    program = (
+        "import importlib, gymnasium; gymnasium.make('yawrate_env:yawrate/PITuning-v0'); "
+        "import yawrate_env; importlib.reload(yawrate_env); "
+        "gymnasium.make('yawrate/PITuningNonlinear-v0'); "
+        "import tuners; gymnasium.spec('yawrate/PITuningFeatures-v0')"
+    )
+    subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=ROOT, check=True)
+    ids = {name for name in vars(yawrate_env) if name.endswith("_ID")}
+    assert {getattr(yawrate_env, name) for name in ids} == {
+        "yawrate/PITuning-v0",
+        "yawrate/PITuningNonlinear-v0",
+        "yawrate/PITuningFeatures-v0",
+        "yawrate/Plant-v0",
+        "yawrate/PlantFeatures-v0",
+    }
 
 
 @pytest.mark.parametrize(

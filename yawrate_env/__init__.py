@@ -2,9 +2,8 @@
 
 ``import yawrate_env`` registers ``yawrate/PITuning-v0``, the same on a nonlinear vehicle as
 ``yawrate/PITuningNonlinear-v0``, any plant of one's own as ``yawrate/Plant-v0``, and, ready
-to train on, ``yawrate/PITuningFeatures-v0`` and ``yawrate/PlantFeatures-v0``.  What needs
-`tuners` is imported from there; all modules are imported where they are used, so that the
-import itself stays light.
+to train on, ``yawrate/PITuningFeatures-v0`` and ``yawrate/PlantFeatures-v0``, which are in
+`tuners`.  Entry points are strings, so that the import itself stays light.
 """
 
 from gymnasium.envs.registration import register, registry
@@ -17,37 +16,22 @@ FEATURES_ID = "yawrate/PITuningFeatures-v0"
 PLANT_ID = "yawrate/Plant-v0"
 PLANT_FEATURES_ID = "yawrate/PlantFeatures-v0"
 
-if ENV_ID not in registry:
-    register(
-        id=ENV_ID,
-        entry_point="yawrate_env.env.yaw_rate_env:PITuningEnv",
-        vector_entry_point="yawrate_env.env.vector_env:PITuningVectorEnv",
-    )
+_VEHICLE, _FEATURES = "yawrate_env.env.yaw_rate_env", "tuners.agents.wrappers"
 
-if NONLINEAR_ID not in registry:
-    register(
-        id=NONLINEAR_ID,
-        entry_point="yawrate_env.env.nonlinear_env:PITuningNonlinearEnv",
-        vector_entry_point="yawrate_env.env.nonlinear_env:PITuningNonlinearVectorEnv",
-    )
+_ENTRY_POINTS = {
+    ENV_ID: (f"{_VEHICLE}:PITuningEnv", f"{_VEHICLE}:PITuningVectorEnv"),
+    NONLINEAR_ID: (f"{_VEHICLE}:PITuningNonlinearEnv", f"{_VEHICLE}:PITuningNonlinearVectorEnv"),
+    FEATURES_ID: (f"{_FEATURES}:features_env", f"{_FEATURES}:features_vector_env"),
+    PLANT_ID: (
+        "yawrate_env.env.tuning_env:plant_env",
+        "yawrate_env.env.vector_env:plant_vector_env",
+    ),
+    PLANT_FEATURES_ID: (
+        f"{_FEATURES}:plant_features_env",
+        f"{_FEATURES}:plant_features_vector_env",
+    ),
+}
 
-if FEATURES_ID not in registry:
-    register(
-        id=FEATURES_ID,
-        entry_point="tuners.agents.wrappers:features_env",
-        vector_entry_point="tuners.agents.wrappers:features_vector_env",
-    )
-
-if PLANT_ID not in registry:
-    register(
-        id=PLANT_ID,
-        entry_point="yawrate_env.env.plant_env:PlantEnv",
-        vector_entry_point="yawrate_env.env.plant_env:PlantVectorEnv",
-    )
-
-if PLANT_FEATURES_ID not in registry:
-    register(
-        id=PLANT_FEATURES_ID,
-        entry_point="tuners.agents.wrappers:plant_features_env",
-        vector_entry_point="tuners.agents.wrappers:plant_features_vector_env",
-    )
+for _id, (_scalar, _vector) in _ENTRY_POINTS.items():
+    if _id not in registry:
+        register(id=_id, entry_point=_scalar, vector_entry_point=_vector)

@@ -1,4 +1,4 @@
-"""How the hot loops are compiled and spread over the cores.
+"""Compilation of the inner loops, and their distribution over the cores.
 
 Numba was chosen over a C extension: a fresh machine needs no compiler, and the
 kernels stay readable beside the equations.  Three choices shape every kernel:

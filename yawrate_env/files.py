@@ -1,4 +1,4 @@
-"""Files that are there completely or not at all."""
+"""Atomic file writes."""
 
 import os
 import tempfile
@@ -10,10 +10,10 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[BufferedWriter]:
-    """Open a temporary file beside `path`, and put it in its place when all went well.
+    """Open a temporary file beside `path`, and rename it to `path` if nothing fails.
 
-    What is there and is no regular file is refused: for a user with the right to it, the
-    replacement would take a device such as ``/dev/null`` away from the whole machine.
+    A `path` that exists and is no regular file is refused: with sufficient rights, the
+    replacement would remove a device such as ``/dev/null`` for all users.
     """
     target = Path(path)
     check_regular(target)
@@ -34,7 +34,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BufferedWriter]:
 
 @contextmanager
 def _temporary(folder: Path, prefix: str) -> Iterator[tuple[str, BufferedWriter]]:
-    """A new file's name, and itself open; gone where something fails."""
+    """Name of a new file and the open file, deleted if something fails."""
     handle, name = tempfile.mkstemp(dir=folder, prefix=prefix)
     try:
         with os.fdopen(handle, "wb") as file:
@@ -51,7 +51,7 @@ def check_regular(path: Path) -> None:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder that nothing can be written into, before the work to be written."""
+    """Refuse a folder that cannot be written to, before any work."""
     if not folder.is_dir():
         raise ValueError(f"The folder {folder} does not exist. Make it first.")
     if not os.access(folder, os.W_OK | os.X_OK):
@@ -71,7 +71,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Make names in a folder last: a file's own fsync does not write its folder's entry."""
+    """Flush a folder's entries: fsync of a file does not write them."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -2,10 +2,12 @@
 
 import math
 from numbers import Real
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+T = TypeVar("T")
 
 
 def number(
@@ -23,7 +25,7 @@ def number(
     Parameters
     ----------
     name : str
-        What the caller calls the value.
+        Name of the argument.
     value : float
         The value to check.
     above, below : float
@@ -31,7 +33,7 @@ def number(
     at_least, at_most : float
         Inclusive bounds.
     remedy : str
-        What the caller should do instead, a sentence.
+        A sentence with the correction.
     """
     if isinstance(value, bool) or not isinstance(value, Real):
         raise ValueError(f"{name} = {value!r} is not a number. {remedy}".strip())
@@ -61,8 +63,8 @@ def like(
 ) -> float:
     """Return `value` if it is within a factor of 1000 of the `usual` one, or raise ``ValueError``.
 
-    Numerics are safe there, and whatever lies beyond is a mistake of units.  With `zero`,
-    less is as good.
+    Numerics are safe there, and values beyond are mistakes of units.  With `zero`, smaller
+    values are accepted too.
     """
     return number(
         name,
@@ -95,9 +97,9 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
 
 
 def text(name: str, value: Any, *, remedy: str = "") -> str:
-    """Return `value` if it is a text that is not blank, or raise ``ValueError``."""
+    """Return `value` if it is text that is not blank, or raise ``ValueError``."""
     if not isinstance(value, str) or not value.strip():
-        raise ValueError(f"{name} = {value!r} must be a text that is not empty. {remedy}".strip())
+        raise ValueError(f"{name} = {value!r} must be text that is not empty. {remedy}".strip())
     return value
 
 
@@ -108,24 +110,26 @@ def flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def instance(name: str, value: Any, kind: type, *, remedy: str) -> None:
-    """Raise ``ValueError`` where `value` is not of that type."""
+def instance(name: str, value: Any, kind: type[T], *, remedy: str) -> T:
+    """Return `value` if it is of that type, or raise ``ValueError``."""
     if not isinstance(value, kind):
         raise ValueError(f"{name} = {value!r} is not of type {kind.__name__}. {remedy}")
+    return value
 
 
-def function(name: str, value: Any, *, optional: bool = False) -> None:
-    """Raise ``ValueError`` where `value` cannot be called; None may stand for an optional one."""
+def function(name: str, value: Any, *, optional: bool = False) -> Any:
+    """Return `value` if it can be called, or is None and optional; or raise ``ValueError``."""
     if not (callable(value) or (optional and value is None)):
         raise ValueError(
             f"{name} = {value!r} cannot be called. Give a function{', or None' * optional}."
         )
+    return value
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """Return `value` as an array, or raise where making it float64 would lose or invent something.
+    """Return `value` as an array of real numbers, or raise ``ValueError``.
 
-    A mask and an imaginary part would be dropped, texts and truth values read as numbers.
+    NumPy would drop a mask and an imaginary part, and read text and bool as numbers.
     """
     if np.ma.is_masked(value):
         masked = int(np.ma.getmaskarray(np.ma.asarray(value)).sum())
@@ -143,7 +147,7 @@ def real_array(name: str, value: ArrayLike) -> NDArray[Any]:
 
 
 def float_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    """Return `value` as float64, or raise where that would lose or invent something."""
+    """Return `value` as float64, or raise ``ValueError`` where it is not real numbers."""
     real = real_array(name, value)
     try:
         return np.asarray(real, dtype=np.float64)
@@ -160,8 +164,8 @@ def finite_array(
         want is None or want == have for want, have in zip(shape, array.shape, strict=True)
     )
     if not fits:
-        wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ")"
-        raise ValueError(f"{name} has shape {array.shape}, wanted {wanted}. Reshape it.")
+        expected = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ")"
+        raise ValueError(f"{name} has shape {array.shape}, not {expected}. Reshape it.")
     if not np.isfinite(array).all():
         first = int(np.flatnonzero(~np.isfinite(array.ravel()))[0])
         raise ValueError(

@@ -108,7 +108,7 @@ def loop(theta, gains):
     t = TS * np.arange(len(level))
     return ClosedLoop(
         (
-            Response(f"Step of the level by {RISE:g} cm", t, level, wanted=LEVEL + RISE),
+            Response(f"Step of the level by {RISE:g} cm", t, level, setpoint=LEVEL + RISE),
             Response("What the pump does for it", t, volts, label=SIGNALS[0]),
         )
     )

@@ -1,6 +1,6 @@
 """The measured speed as a page and as a picture."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.stages import ANSWERS, TUNERS
 from benchmarks.stopwatch import PACKAGES
+from studies.markdown import table
 from tuners.cli.report.palette import INK, STYLE, WIDTH, colour
 
 MARKERS = ("o", "s", "^")
@@ -18,37 +19,48 @@ MARKERS = ("o", "s", "^")
 def to_markdown(result: dict[str, Any]) -> str:
     """Tables of all that was measured."""
     versions = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
-    lines = [
-        "# Speed",
-        "",
-        f"{result['machine']}; {versions}. Episodes of 10 000 samples. All contenders of a table "
-        f"take turns in one process, {result['rounds']} rounds (those that take seconds: 3); "
-        "times are medians (least to most), ratios are medians within a round.",
+    parts = [
+        f"# Speed\n\n{result['machine']}; {versions}. Episodes of 10 000 samples. All contenders "
+        f"of a table take turns in one process, {result['rounds']} rounds (those that take "
+        "seconds: 3); times are medians (least to most), ratios are medians within a round.\n"
     ]
     missing = [name for name in PACKAGES if name not in result["versions"]]
     if missing:
-        lines += ["", f"Not installed, so without their rows: {', '.join(missing)}."]
+        parts.append(f"Not installed, so without their rows: {', '.join(missing)}.\n")
+
+    def add(title: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+        parts.append(f"## {title}\n\n{table(heads, rows)}")
+
     for title, contenders in result["stages"].items():
-        lines += ["", f"## {title}", "", *_table("time an episode [ms]|times the first row's")]
-        for name, found in contenders.items():
-            time, ratio = found["milliseconds"], found["ratio"]
-            lines.append(f"| {name} | {_spread(time)} | {_spread(ratio)} |")
-    lines += ["", "## What a process does first", "", *_table("compiling [s]|from the cache [s]")]
-    for what, seconds in result["first"].items():
-        lines.append(f"| {what} | {seconds['cold']:.2f} | {seconds['cached']:.2f} |")
+        add(
+            title,
+            ("", "time an episode [ms]", "times the first row's"),
+            [
+                (name, _spread(found["milliseconds"]), _spread(found["ratio"]))
+                for name, found in contenders.items()
+            ],
+        )
+    add(
+        "What a process does first",
+        ("", "compiling [s]", "from the cache [s]"),
+        [(what, f"{s['cold']:.2f}", f"{s['cached']:.2f}") for what, s in result["first"].items()],
+    )
     if result["training"]:
-        lines += ["", "## Training", "", *_table("seconds, simulation included")]
-        lines += [f"| {name} | {s:.1f} |" for name, s in result["training"].items()]
+        trained = [(name, f"{seconds:.1f}") for name, seconds in result["training"].items()]
+        add("Training", ("", "seconds, simulation included"), trained)
     for what, rows in result["growth"].items():
-        header = "|".join(["episodes", "seconds", "ms an episode", "memory so far [MB]"])
-        lines += ["", f"## Laguerre features and targets by {what}", "", *_table(header)]
-        for row in rows:
-            each = 1e3 * row["seconds"] / row["count"]
-            lines.append(
-                f"| {row['size']} {what} | {row['count']} | {row['seconds']:.2f} | {each:.3g} "
-                f"| {row['megabytes']:.0f} |"
-            )
-    return "\n".join(lines) + "\n"
+        add(
+            f"Laguerre features and targets by {what}",
+            ("", "episodes", "seconds", "ms an episode", "memory so far [MB]"),
+            [
+                (
+                    f"{row['size']} {what}", row["count"], f"{row['seconds']:.2f}",
+                    f"{1e3 * row['seconds'] / row['count']:.3g}", f"{row['megabytes']:.0f}",
+                )
+                for row in rows
+            ],
+        )  # fmt: skip
+    return "\n".join(parts)
 
 
 def picture(result: dict[str, Any]) -> Figure:
@@ -90,11 +102,6 @@ def _growth(axes: Axes, what: str, rows: Sequence[dict[str, float]]) -> None:
     )
     axes.set_ylabel("time an episode [ms]" if each else "time [s]")
     axes.legend()
-
-
-def _table(columns: str) -> list[str]:
-    count = columns.count("|") + 2
-    return [f"| |{columns}|", "|" + "---|" * count]
 
 
 def _spread(values: dict[str, float]) -> str:

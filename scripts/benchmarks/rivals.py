@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from tuners.features.laguerre import Laguerre
 from tuners.tuner.recording import Recording
-from tuners.tuner.tuner import nominal_context
 from yawrate_env.batch import take
 from yawrate_env.vehicle.single_track import Context, state_space, total_mass
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
 
 Array = NDArray[np.float64]
 
@@ -61,9 +61,9 @@ def gray_box(task: Task, recording: Recording) -> Callable[[], tuple[float, floa
     import control
     from scipy.optimize import least_squares
 
-    start, known = nominal_context(task.prior), task.vehicle
+    start, known = context_of(yaw_rate(task).middle), task.vehicle
     u, y = recording.u[0], recording.y[0]
-    v_x = start.v_x if recording.v_x is None else recording.v_x[:1]
+    v_x = start.v_x
 
     def vehicle(theta: Array) -> Context:
         mu_s, mass = np.exp(theta)

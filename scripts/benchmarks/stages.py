@@ -15,20 +15,21 @@ import numpy as np
 
 from benchmarks import rivals, throughput
 from benchmarks.stopwatch import Contender, Times, race
-from tuners import catalogue
+from studies.draws import draw
+from studies.draws import recorded as recorded_draw
+from tuners import RECIPES, load, train
 from tuners.features.armax import armax
 from tuners.features.laguerre import Laguerre
-from tuners.trust.vehicle_identification import identify
+from tuners.trust.identification import identify
+from tuners.tuner.examples import examples
 from tuners.tuner.recording import Recording
-from tuners.tuner.tuner import nominal_context
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES
 from yawrate_env.loop.simulation import simulate
-from yawrate_env.plant.episodes import examples
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import Draw, plants, record
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Experiment, Task
-from yawrate_env.vehicle.yaw_rate import yaw_rate
+from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
 
 Progress = Callable[[str, int, int], None]
 
@@ -66,16 +67,16 @@ def stages(batch: int, rounds: int, progress: Progress) -> dict[str, Times]:
 
 def simulations(batch: int) -> dict[str, Contender]:
     """Noise-free responses; the product has the recursion's three multiply-adds a state."""
-    draw, recording = recorded(batch, "same")
+    context, recording = recorded(batch, "same")
     u, y = recording.u, np.empty_like(recording.y)
-    many = plants(Task().vehicle, draw.context, recording.Ts)
-    one = plants(Task().vehicle, take(draw.context, ONE), recording.Ts)
+    many = plants(Task().vehicle, context, recording.Ts)
+    one = plants(Task().vehicle, take(context, ONE), recording.Ts)
     square = np.ones((round((18 * y.size) ** (1 / 3)),) * 2)
     found = {
         f"ours, {batch} side by side": Contender(lambda: len(simulate(many, u))),
         "ours, one alone": Contender(lambda: len(simulate(one, u))),
     }
-    found |= _one_each(rivals.simulations(Task(), draw.context, u[0]))
+    found |= _one_each(rivals.simulations(Task(), context, u[0]))
     found["limit: one matrix product of the same size"] = _of(batch, lambda: square @ square)
     found["limit: copying the responses"] = _of(batch, lambda: np.copyto(y, recording.y))
     return found
@@ -94,14 +95,13 @@ def armax_fits(batch: int) -> dict[str, Contender]:
 
 def gray_boxes(batch: int) -> dict[str, Contender]:
     """Friction and mass of a vehicle."""
-    task, (_, recording) = Task(), recorded(batch, "same")
-    start, alone = nominal_context(task.prior), recording.part(ONE)
+    plant, (_, recording) = yaw_rate(Task()), recorded(batch, "same")
+    alone = recording.part(ONE)
 
     def ours(part: Recording) -> Contender:
-        v_x = np.full(len(part), start.v_x[0])
-        return _of(len(part), lambda: identify(task.vehicle, part, start, v_x))
+        return _of(len(part), lambda: identify(plant, part.u, part.y))
 
-    rival = rivals.gray_box(task, recording)
+    rival = rivals.gray_box(Task(), recording)
     return {
         f"ours, {batch} side by side": ours(recording),
         "ours, one alone": ours(alone),
@@ -127,16 +127,15 @@ def answers(how: str, batch: int) -> dict[str, Contender]:
     """From raw arrays to gains by every tuner, in one of the ways of `ANSWERS`."""
     _, recording = recorded(batch, ANSWERS[how])
     part = recording.part(ONE) if how == next(iter(ANSWERS)) else recording
-    acts = {name: catalogue.load(name).act for name in TUNERS}
+    acts = {name: load(name).act for name in TUNERS}
     return {name: _of(len(part), partial(act, part)) for name, act in acts.items()}
 
 
-def recorded(batch: int, register: str) -> tuple[Draw, Recording]:
-    """Episodes of the test set."""
-    task = Task(experiment=Experiment(register=register))
-    draw = CONTEXT_SETS["test"].draw(task.prior, 0, 0, batch)
-    u, y = record(task, draw)
-    return draw, Recording(u, np.asarray(y), task.experiment.Ts, draw.context.v_x)
+def recorded(batch: int, register: str) -> tuple[Context, Recording]:
+    """Vehicles and episodes of the test set."""
+    plant = yaw_rate(Task(experiment=Experiment(register=register)))
+    drawn = draw(plant, "test", 0, 0, batch)
+    return context_of(drawn.theta), recorded_draw(plant, drawn)
 
 
 def growth(sizes: Sequence[int]) -> dict[str, list[dict[str, float]]]:
@@ -162,9 +161,9 @@ def decades(largest: int) -> list[int]:
 def trainings(episodes: int, progress: Progress) -> dict[str, float]:
     """Seconds from nothing to a trained tuner, simulation included."""
     found = {}
-    for name in catalogue.RECIPES:
+    for name in RECIPES:
         start = time.perf_counter()
-        catalogue.train(name, Task(), episodes=episodes, progress=progress)
+        train(name, yaw_rate(Task()), episodes=episodes, calibration=0, progress=progress)
         found[name] = time.perf_counter() - start
     return found
 
@@ -185,7 +184,9 @@ def first_calls() -> dict[str, dict[str, float]]:
 
 def in_fresh_process(program: str, cache: str | None = None) -> str:
     """What a Python program prints, with the compiled kernels in a folder of its own."""
-    inherited = os.environ | ({} if cache is None else {"NUMBA_CACHE_DIR": cache})
+    inherited = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    if cache is not None:
+        inherited["NUMBA_CACHE_DIR"] = cache
     done = subprocess.run(
         [sys.executable, "-c", program], env=inherited, check=True, capture_output=True, text=True
     )

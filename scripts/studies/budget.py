@@ -19,28 +19,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies import information, nested
-from studies.rows import HEAD, Row, cells, errors, row
-from tuners.catalogue import RECIPES
-from tuners.features import FirstStage
+from studies.bounds import bound_on, posterior_on
+from studies.draws import draw
+from studies.markdown import table
+from studies.rows import HEADS, Row, cells, errors, row
+from tuners import RECIPES, Recipe, load
+from tuners.features import Features
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.trust.vehicle_bound import (
-    cramer_rao,
-    inverse,
-    margin_sensitivity,
-    posterior_spread,
-    spread,
-)
-from tuners.tuner.gray_box import GrayBox
-from tuners.tuner.stages import Recipe
-from yawrate_env.batch import take
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import Draw
+from tuners.trust.bound import metric_slopes, spread
+from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
+Kept = Callable[[Array, Array], Array]
 
 TUNERS = ("ts-ff-lag", "ts-gbm-lag", "ts-ff", "ts-gbm")
 BEST = FeedForwardSettings(neurons=24, max_fail=10)
@@ -68,71 +63,70 @@ class Sizes:
 
 def budget(sizes: Sizes, seed: int = 0, progress: Progress | None = None) -> list[Row]:
     """Rows with ``tuner`` ("" for what holds for all), ``step`` and the errors."""
-    task = Task()
-    draw = CONTEXT_SETS["test"].draw(task.prior, seed, 0, sizes.episodes)
-    bound = cramer_rao(task, draw)
-    gray_box = errors(GrayBox(task), task, sizes.episodes, seed)
+    plant = yaw_rate(Task())
+    bound = bound_on(plant, "test", seed, sizes.episodes)
     rows = [
-        _row("", "Cramér–Rao bound", bound, bound),
-        _row("", "posterior spread under the prior", posterior_spread(task, draw), bound),
-        _row("", "`gb`", gray_box, bound),
-    ]
-    for compressor in dict.fromkeys(RECIPES[name].compressor for name in TUNERS):
-        names = [name for name in TUNERS if RECIPES[name].compressor == compressor]
-        shared = list(_information(task, draw, compressor, progress))
-        learned = list(_learned(task, names, sizes, seed, progress))
+        row("Cramér–Rao bound", bound, bound, tuner=""),
+        row(
+            "posterior spread under the prior",
+            posterior_on(plant, "test", seed, sizes.episodes), bound, tuner="",
+        ),
+        row("`gb`", errors(load("gb"), plant, sizes.episodes, seed), bound, tuner=""),
+    ]  # fmt: skip
+    for features in dict.fromkeys(RECIPES[name].features for name in TUNERS):
+        names = [name for name in TUNERS if RECIPES[name].features == features]
+        shared = list(_information(plant, features, sizes.episodes, seed, progress))
+        learned = list(_learned(plant, names, sizes, seed, progress))
         for name in names:
-            for step, off in [*shared, *((s, off) for own, s, off in learned if own in ("", name))]:
-                rows.append(_row(name, step, off, bound))
+            own = [(step, off) for of, step, off in learned if of in ("", name)]
+            rows += [row(step, off, bound, tuner=name) for step, off in [*shared, *own]]
     return rows
 
 
-def _row(tuner: str, step: str, off: Array, bound: Array) -> Row:
-    return row(step, off, bound, tuner=tuner)
-
-
 def _information(
-    task: Task, draw: Draw, compressor: FirstStage, progress: Progress | None
+    plant: Plant, features: Features, episodes: int, seed: int, progress: Progress | None
 ) -> Iterator[tuple[str, Array]]:
     """Steps 2 and 3 with their spreads (E, 2)."""
-    J = margin_sensitivity(task, draw.context)
-    for step, kept in _kept(task, compressor).items():
+    for step, kept in _kept(plant, features).items():
         found = []
-        for first in range(0, len(draw), _BLOCK):
-            found.append(kept(take(draw, slice(first, first + _BLOCK))))
+        for first in range(0, episodes, _BLOCK):
+            stop = min(first + _BLOCK, episodes)
+            drawn = draw(plant, "test", seed, first, stop - first)
+            covariance = np.asarray(np.linalg.inv(kept(drawn.theta, drawn.u)), dtype=np.float64)
+            found.append(spread(metric_slopes(plant, drawn.theta), covariance))
             if progress is not None:
-                progress(step, min(first + _BLOCK, len(draw)), len(draw))
-        yield step, spread(J, inverse(np.concatenate(found)))
+                progress(step, stop, episodes)
+        yield step, np.concatenate(found)
 
 
-def _kept(task: Task, compressor: FirstStage) -> dict[str, Callable[[Draw], Array]]:
-    """What a compressor does to a recording step by step: information left, (B, 2, 2)."""
+def _kept(plant: Plant, features: Features) -> dict[str, Kept]:
+    """Information (B, 2, 2) left of recordings step by step, for parameters and inputs."""
     in_features = "information in the features"
-    if isinstance(compressor, Laguerre):
-        return {in_features: lambda draw: information.in_laguerre(task, draw, compressor)}
-    if isinstance(compressor, Armax):
-        block = round(compressor.Ts / task.experiment.Ts)
+    if isinstance(features, Laguerre):
+        return {in_features: lambda theta, u: information.in_laguerre(plant, theta, u, features)}
+    if isinstance(features, Armax):
+        block = round(features.Ts / plant.Ts)
         return {
-            f"information in averages over {block} samples": lambda draw: (
-                information.after_averaging(task, draw, block)
+            f"information in averages over {block} samples": lambda theta, u: (
+                information.after_averaging(plant, theta, u, block)
             ),
-            in_features: lambda draw: information.in_armax(task, draw, compressor),
+            in_features: lambda theta, u: information.in_armax(plant, theta, u, features),
         }
-    raise ValueError(f"{compressor} has no account of its information yet; use ARMAX or Laguerre.")
+    raise ValueError(f"{features} has no account of its information yet; use ARMAX or Laguerre.")
 
 
 def _learned(
-    task: Task, names: Sequence[str], sizes: Sizes, seed: int, progress: Progress | None
+    plant: Plant, names: Sequence[str], sizes: Sizes, seed: int, progress: Progress | None
 ) -> Iterator[tuple[str, str, Array]]:
-    """Steps 4 to 7 of tuners with the same compressor: tuner ("" for all), step, errors."""
+    """Steps 4 to 7 of tuners with the same features: tuner ("" for all), step, errors."""
     most = max((RECIPES[name] for name in names), key=lambda recipe: recipe.noise_draws)
     draws = {m: nested.noise_draws(most, m) for m in (sizes.vehicles, sizes.many)}
     report = None if progress is None else lambda done, of: progress("simulating", done, of)
-    parts = nested.simulate(task, most.compressor, draws, report)
+    parts = nested.simulate(plant, most.features, draws, report)
 
     def tested(recipe: Recipe, vehicles: int) -> Array:
-        tuner = nested.trained(recipe, task, parts, vehicles, draws[vehicles], progress)
-        return errors(tuner, task, sizes.episodes, seed)
+        tuner = nested.trained(recipe, plant, parts, vehicles, draws[vehicles], progress)
+        return errors(tuner, plant, sizes.episodes, seed)
 
     best = f"the best network, {sizes.many} vehicles"
     yield "", best, tested(replace(most, learner=BEST), sizes.many)
@@ -140,19 +134,21 @@ def _learned(
         recipe = RECIPES[name]
         yield name, f"its own learner, {sizes.many} vehicles", tested(recipe, sizes.many)
         yield name, f"… {sizes.vehicles} vehicles", tested(recipe, sizes.vehicles)
-        gains = replace(recipe, coordinates="gains")
+        gains = replace(recipe, parametrisation="gains")
         yield name, "… and (kp, Ti) as targets", tested(gains, sizes.vehicles)
 
 
 def to_markdown(rows: Sequence[Row]) -> str:
-    """One table, a tuner after the other."""
-    lines = [f"| tuner | step | {HEAD}", "|---|---|---|---|---|---|---|"]
-    before = None
-    for r in rows:
-        tuner = f"**`{r['tuner']}`**" if r["tuner"] and r["tuner"] != before else ""
-        lines.append(f"| {tuner} | {r['name']} | {cells(r)}")
-        before = r["tuner"]
-    return "\n".join(lines) + "\n"
+    """One table, a tuner after the other; each is named once."""
+    before = [None, *(r["tuner"] for r in rows)]
+    names = (
+        f"**`{r['tuner']}`**" if r["tuner"] and r["tuner"] != last else ""
+        for r, last in zip(rows, before, strict=False)
+    )
+    return table(
+        ("tuner", "step", *HEADS),
+        [(name, r["name"], *cells(r)) for name, r in zip(names, rows, strict=True)],
+    )
 
 
 def to_json(rows: Sequence[Row], sizes: Sizes, seed: int = 0) -> str:

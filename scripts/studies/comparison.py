@@ -8,26 +8,29 @@ interquartile mean with a bootstrap interval over seeds (Agarwal et al., 2021).
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.agents import rl_tuner as rl
+from studies.markdown import table
+from studies.metrics import bootstrap_interval
+from tuners import Tuner, load, train
 from tuners.agents import training as rl_training
-from tuners.catalogue import UNTRAINED, from_file
-from tuners.catalogue import train as train_two_stage
+from tuners.agents.settings import Training
+from tuners.catalogue import UNTRAINED
+from tuners.features import features_named
 from tuners.tuner.evaluation import Evaluation, evaluate
-from tuners.tuner.tuner import Tuner
 from yawrate_env.files import write_text
-from yawrate_env.plant.reward import margin_error
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.plant.plant import Plant
+from yawrate_env.plant.reward import distance
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 EPISODES = (500, 1000, 2000, 5000, 10_000, 20_000)
-"""Sizes at which everybody is compared."""
+"""Sizes at which agents and two-stage tuners are compared."""
 
 TEST_EPISODES = 1500
 
@@ -72,7 +75,7 @@ def sizes(episodes: int) -> list[int]:
 
 
 def agents(
-    settings: rl.Training, folder: Path, progress: Progress | None = None
+    settings: Training, folder: Path, progress: Progress | None = None
 ) -> dict[int, tuple[Path, float]]:
     """Train one agent with snapshots at `sizes`, or find it already in `folder`.
 
@@ -82,13 +85,16 @@ def agents(
         Episodes to (file, seconds of the whole training).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    stem = f"{settings.algorithm}-{settings.compressor}-{settings.seed}"
+    stem = f"{settings.algorithm}-{settings.features}-{settings.seed}"
     clock = folder / f"{stem}.json"
     files = {n: folder / f"{stem}-{n}.tuner" for n in sizes(settings.episodes)}
     done = json.loads(clock.read_text()) if clock.exists() else {}
     if done != {**asdict(settings), "seconds": done.get("seconds")}:  # none, or another length
         start = time.perf_counter()
-        snapshots = rl_training.train({}, settings, at=tuple(files), progress=progress)
+        stage = features_named(str(settings.features))  # as yawrate/PITuningFeatures-v0 has it
+        snapshots = rl_training.snapshots(
+            replace(settings, features=stage), yaw_rate(Task()), tuple(files), progress=progress
+        )
         done = {"seconds": time.perf_counter() - start, **asdict(settings)}
         for path, (_, tuner) in zip(files.values(), snapshots, strict=True):
             tuner.save(path)
@@ -96,26 +102,25 @@ def agents(
     return {n: (path, done["seconds"]) for n, path in files.items()}
 
 
-def score(e: Evaluation, task: Task, episodes: int, seed: int, seconds: float = 0.0) -> Score:
+def score(e: Evaluation, episodes: int, seed: int, seconds: float = 0.0) -> Score:
     """Sum up one evaluation."""
-    errors = margin_error(e.phase_margin, e.crossover, task.target)
+    errors = distance(e.errors / e.plant.metric_setting("scale"))
+    margin, crossover = e.metrics.T
     return Score(
         e.tuner,
         episodes,
         seed,
         float(np.mean(errors)),
-        (float(e.phase_margin.mean()), float(e.phase_margin.std())),
-        (float(e.crossover.mean()), float(e.crossover.std())),
+        (float(margin.mean()), float(margin.std())),
+        (float(crossover.mean()), float(crossover.std())),
         int((~e.stable).sum()),
         seconds,
     )
 
 
-def test(tuners: Mapping[str, Tuner], task: Task) -> list[Evaluation]:
+def test(tuners: Mapping[str, Tuner], plant: Plant) -> list[Evaluation]:
     """Give them all the test episodes."""
-    return evaluate(
-        tuners, task, CONTEXT_SETS["test"], episodes=TEST_EPISODES, seed=0, batch=TEST_EPISODES
-    )
+    return evaluate(tuners, plant, "test", episodes=TEST_EPISODES, seed=0, batch=TEST_EPISODES)
 
 
 def compare(
@@ -125,7 +130,7 @@ def compare(
 
     Parameters
     ----------
-    runs : sequence of (algorithm, compressor)
+    runs : sequence of (algorithm, features)
         Which agents.
     seeds : int
         Of each.
@@ -134,34 +139,27 @@ def compare(
     folder : Path
         Where trained agents are kept, and found again.
     """
-    task = Task()
-    scores = [score(e, task, 0, 0) for e in test({n: c(task) for n, c in UNTRAINED.items()}, task)]
+    plant = yaw_rate(Task())
+    scores = [score(e, 0, 0) for e in test({n: load(n) for n in UNTRAINED}, plant)]
     for n in sizes(episodes):
         for name in ("ts-gbm", "ts-ff"):
-            tuner = train_two_stage(name, task, episodes=n, progress=progress)
-            scores += [score(e, task, n, 0) for e in test({name: tuner}, task)]
-    for algorithm, compressor in runs:
+            tuner = train(name, plant, episodes=n, calibration=0, progress=progress)
+            scores += [score(e, n, 0) for e in test({name: tuner}, plant)]
+    for algorithm, features in runs:
         for seed in range(seeds):
-            settings = rl.Training(algorithm, compressor, episodes, seed=seed)
+            settings = Training(algorithm, features, episodes, seed=seed)
             for n, (path, seconds) in agents(settings, folder, progress).items():
-                found = test({f"{algorithm}-{compressor}": from_file(path)}, task)
-                scores += [score(e, task, n, seed, seconds) for e in found]
+                found = test({f"{algorithm}-{features}": load(path)}, plant)
+                scores += [score(e, n, seed, seconds) for e in found]
     return scores
 
 
-def interquartile_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def interquartile_mean(values: NDArray[np.float64], axis: int = -1) -> NDArray[np.float64]:
     """Mean of the middle half of (..., n) values, the quartiles' neighbours weighted in part."""
-    ordered = np.sort(values)
+    ordered = np.moveaxis(np.sort(values, axis=axis), axis, -1)
     edges = np.linspace(0, 1, ordered.shape[-1] + 1)
     weight = np.clip(np.minimum(edges[1:], 0.75) - np.maximum(edges[:-1], 0.25), 0, None)
     return np.asarray(ordered @ weight / weight.sum())
-
-
-def interval(values: NDArray[np.float64], seed: int = 0) -> tuple[float, float]:
-    """95 % bootstrap interval of the interquartile mean over (n,) runs."""
-    draws = np.random.default_rng(seed).choice(values, (2000, len(values)))
-    low, high = np.quantile(interquartile_mean(draws), [0.025, 0.975])
-    return float(low), float(high)
 
 
 def curve(scores: Sequence[Score], name: str, value: Callable[[Score], float]) -> dict[int, Any]:
@@ -169,32 +167,40 @@ def curve(scores: Sequence[Score], name: str, value: Callable[[Score], float]) -
     found = {}
     for n in sorted({s.episodes for s in scores if s.name == name}):
         values = np.array([value(s) for s in scores if s.name == name and s.episodes == n])
-        found[n] = (float(interquartile_mean(values)), *interval(values))
+        found[n] = (
+            float(interquartile_mean(values)),
+            *bootstrap_interval(values, interquartile_mean),
+        )
     return found
+
+
+HEADS = (
+    "agent", "seed", "phase margin [°] mean ± std", "crossover [Hz] mean ± std",
+    "unstable", "training [s]",
+)  # fmt: skip
 
 
 def to_markdown(scores: Sequence[Score], episodes: int) -> str:
     """What each agent reached at the end, seed by seed, and the median of seeds."""
-    lines = [
-        "| agent | seed | phase margin [°] mean ± std | crossover [Hz] mean ± std | unstable "
-        "| training [s] |",
-        "|---|---|---|---|---|---|",
-    ]
-    names = dict.fromkeys(s.name for s in scores if s.seconds)
-    for name in names:
-        rows = [s for s in scores if s.name == name and s.episodes == episodes]
-        for s in rows:
-            lines.append(
-                f"| `{name}` | {s.seed} | {s.phase_margin[0]:.3f} ± {s.phase_margin[1]:.3f} "
-                f"| {s.crossover[0]:.4f} ± {s.crossover[1]:.4f} | {s.unstable} | {s.seconds:.0f} |"
-            )
-        pm, fc = np.median([[s.phase_margin, s.crossover] for s in rows], axis=0)
-        unstable, seconds = max(s.unstable for s in rows), np.median([s.seconds for s in rows])
-        lines.append(
-            f"| **`{name}`** | median | **{pm[0]:.3f} ± {pm[1]:.3f}** "
-            f"| **{fc[0]:.4f} ± {fc[1]:.4f}** | {unstable} | {seconds:.0f} |"
-        )
-    return "\n".join(lines) + "\n"
+    rows: list[tuple[object, ...]] = []
+    for name in dict.fromkeys(s.name for s in scores if s.seconds):
+        found = [s for s in scores if s.name == name and s.episodes == episodes]
+        rows += [
+            (f"`{name}`", s.seed, *_margins(s.phase_margin, s.crossover), s.unstable,
+             f"{s.seconds:.0f}")
+            for s in found
+        ]  # fmt: skip
+        middle = _margins(*np.median([[s.phase_margin, s.crossover] for s in found], axis=0))
+        seconds = np.median([s.seconds for s in found])
+        rows.append(
+            (f"**`{name}`**", "median", *(f"**{text}**" for text in middle),
+             max(s.unstable for s in found), f"{seconds:.0f}")
+        )  # fmt: skip
+    return table(HEADS, rows)
+
+
+def _margins(margin: Sequence[float], crossover: Sequence[float]) -> tuple[str, str]:
+    return f"{margin[0]:.3f} ± {margin[1]:.3f}", f"{crossover[0]:.4f} ± {crossover[1]:.4f}"
 
 
 def write(scores: Sequence[Score], episodes: int, results: Path) -> None:

@@ -1,7 +1,7 @@
 """Conditions off the design point: what is true, and what the recording shows of it.
 
 Each is a pure function of the tuners' own task and a level.  It gives the task that
-simulates, which is the truth that gains are judged by, and a transformation of what was
+simulates, whose vehicles gains are evaluated on, and a transformation of what was
 recorded.  The tuners keep their own task whatever is true.
 """
 
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from tuners.tuner.recording import Recording
+from yawrate_env.plant.episodes import Draw
 from yawrate_env.signals.noise import standard_normal
-from yawrate_env.vehicle.episode import Draw, record
 from yawrate_env.vehicle.task import Task
 
 Array = NDArray[np.float64]
@@ -52,12 +52,6 @@ class Sweep:
     bounded: bool = False
 
 
-def recorded(task: Task, draw: Draw) -> Recording:
-    """Episodes with their speed and, for judges, the truth."""
-    u, y = record(task, draw)
-    return Recording(u, np.asarray(y), task.experiment.Ts, draw.context.v_x, draw.context)
-
-
 def as_recorded(recording: Recording, draw: Draw) -> Recording:
     """Change nothing."""
     return recording
@@ -84,7 +78,7 @@ def noise_colour(task: Task, corner: Level) -> tuple[Task, Transformation]:
     experiment, corner = task.experiment, np.inf if corner == "white" else float(corner)
 
     def add(recording: Recording, draw: Draw) -> Recording:
-        noise = coloured(draw.key, recording.y.shape[1], recording.Ts, corner)
+        noise = coloured(draw.keys, recording.y.shape[1], recording.Ts, corner)
         sigma = rms(recording.y) * 10 ** (-experiment.snr_db / 20)
         return replace(recording, y=recording.y + sigma * noise)
 
@@ -133,7 +127,8 @@ def speed_off(task: Task, error: float) -> tuple[Task, Transformation]:
     low, high = task.prior.v_x
 
     def claim(recording: Recording, draw: Draw) -> Recording:
-        return replace(recording, v_x=draw.context.v_x - error)
+        assert recording.known is not None
+        return replace(recording, known=recording.known - [0.0, 0.0, error])
 
     return replace(task, prior=replace(task.prior, v_x=(low + error, high + error))), claim
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.stopwatch import processor
+from studies.markdown import table
 from tuners.data.folder import deviation, verify
 from yawrate_env.compiled import cores
 
@@ -31,11 +32,11 @@ _SAMPLE = 100
 _PROGRAM = """
 import sys
 from tuners.data import generate
-from tuners.compressors.laguerre import Laguerre
-from yawrate_env.contexts import CONTEXT_SETS
-from yawrate_env.task import Task
+from tuners.features.laguerre import Laguerre
+from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
-generate(Task(), CONTEXT_SETS["train"], Laguerre(), int(sys.argv[1]), 0, sys.argv[2])
+generate(yaw_rate(Task()), "train", Laguerre(), int(sys.argv[1]), 0, sys.argv[2])
 """
 
 
@@ -111,27 +112,25 @@ def report(sizes: Sequence[Size]) -> dict[str, Any]:
 
 def to_markdown(result: dict[str, Any]) -> str:
     """The measurements as a table."""
-    line = result["line"]
-    lines = [
-        f"Laguerre features of 10 s episodes at 1 kHz, {result['machine']}, a process a core.",
-        "",
-        "| episodes | time [s] | episodes a second | peak memory, all processes [MB] "
-        f"| on disk [B/episode] | {result['sample']} rows simulated again |",
-        "|---|---|---|---|---|---|",
-    ]
+    line, rows = result["line"], []
     for size in result["sizes"]:
         same = "equal" if size["deviation"] == 0 else f"off by {size['deviation']:.1e}"
-        lines.append(
-            f"| {size['episodes']:,} | {size['seconds']:.1f} "
-            f"| {size['episodes'] / size['seconds']:.0f} | {size['peak']:.0f} "
-            f"| {size['stored']:.0f} | {same} |".replace(",", " ")
-        )
-    lines += [
-        "",
+        rows.append(
+            (f"{size['episodes']:,}".replace(",", " "), f"{size['seconds']:.1f}",
+             f"{size['episodes'] / size['seconds']:.0f}", f"{size['peak']:.0f}",
+             f"{size['stored']:.0f}", same)
+        )  # fmt: skip
+    sizes = table(
+        ("episodes", "time [s]", "episodes a second", "peak memory, all processes [MB]",
+         "on disk [B/episode]", f"{result['sample']} rows simulated again"),
+        rows,
+    )  # fmt: skip
+    return (
+        f"Laguerre features of 10 s episodes at 1 kHz, {result['machine']}, a process a core.\n\n"
+        f"{sizes}\n"
         f"time = {line['start']:.1f} s + {1e6 * line['each']:.0f} µs × episodes, "
-        f"to {100 * line['largest_error']:.0f} % at every size.",
-    ]
-    return "\n".join(lines) + "\n"
+        f"to {100 * line['largest_error']:.0f} % at every size.\n"
+    )
 
 
 def picture(result: dict[str, Any]) -> Any:

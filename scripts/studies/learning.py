@@ -1,6 +1,6 @@
 """Learning curves: what a two-stage tuner's error is after so many training vehicles.
 
-Every compressor's vehicles are simulated once; the tuners of a curve train on the first m of
+The vehicles of every first stage are simulated once; the tuners of a curve train on the first m of
 them.  Fresh noise on the same vehicles (``noise_draws``) is part of a recipe, and is given up
 where there are vehicles enough: rows say how many were used.  A study that was cut off goes
 on where it was.
@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies import nested
-from studies.rows import HEAD, Row, cells, errors, row
-from tuners.catalogue import RECIPES, TRAINING_SEED
-from tuners.trust.vehicle_bound import cramer_rao, posterior_spread
-from tuners.tuner.gray_box import GrayBox
-from tuners.tuner.two_stage import TwoStage
+from studies.bounds import bound_on, posterior_on
+from studies.markdown import table
+from studies.rows import HEADS, Row, cells, errors, row
+from tuners import RECIPES, Tuner, load
 from yawrate_env.files import write_text
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
+from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -50,7 +50,7 @@ def learn(
     episodes, seed : int
         Test episodes.
     """
-    conditions = {"episodes": episodes, "seed": seed, "training_seed": TRAINING_SEED}
+    conditions = {"episodes": episodes, "seed": seed, "training_seed": nested.TRAINING_SEED}
     rows = _earlier(path, conditions)
     done = {(r["name"], r["vehicles"]) for r in rows}
     for found in _missing(done, vehicles, episodes, seed, progress):
@@ -67,39 +67,38 @@ def _missing(
     progress: Progress | None,
 ) -> Iterator[Row]:
     """Rows whose (name, vehicles) are not yet `done`."""
-    task = Task()
-    draw = CONTEXT_SETS["test"].draw(task.prior, seed, 0, episodes)
-    bound = cramer_rao(task, draw)
+    plant = yaw_rate(Task())
+    bound = bound_on(plant, "test", seed, episodes)
     levels: dict[str, Callable[[], Array]] = {
         BOUND: lambda: bound,
-        "posterior spread under the prior": lambda: posterior_spread(task, draw),
-        "gb": lambda: errors(GrayBox(task), task, episodes, seed),
+        "posterior spread under the prior": lambda: posterior_on(plant, "test", seed, episodes),
+        "gb": lambda: errors(load("gb"), plant, episodes, seed),
     }
     for name, spread in levels.items():
         if (name, 0) not in done:
             yield row(name, spread(), bound, vehicles=0, noise_draws=0, seconds=0.0)
-    for compressor in dict.fromkeys(RECIPES[name].compressor for name in TUNERS):
-        names = [name for name in TUNERS if RECIPES[name].compressor == compressor]
+    for features in dict.fromkeys(RECIPES[name].features for name in TUNERS):
+        names = [name for name in TUNERS if RECIPES[name].features == features]
         runs = [(name, m) for m in sorted(vehicles) for name in names if (name, m) not in done]
-        for name, m, tuner, seconds in _trained(task, runs, progress):
+        for name, m, tuner, seconds in _trained(plant, runs, progress):
             about = {"vehicles": m, "noise_draws": tuner.training["noise_draws"]}
-            off = errors(tuner, task, episodes, seed)
+            off = errors(tuner, plant, episodes, seed)
             yield row(name, off, bound, **about, seconds=seconds)
 
 
 def _trained(
-    task: Task, runs: Sequence[tuple[str, int]], progress: Progress | None
-) -> Iterator[tuple[str, int, TwoStage, float]]:
-    """Tuners of one compressor with their training time [s]; its vehicles are simulated once."""
+    plant: Plant, runs: Sequence[tuple[str, int]], progress: Progress | None
+) -> Iterator[tuple[str, int, Tuner, float]]:
+    """Tuners of the same features with their training time [s]; its vehicles are simulated once."""
     if not runs:
         return
     draws = {(name, m): nested.noise_draws(RECIPES[name], m) for name, m in runs}
     most = {m: max(d for (_, n), d in draws.items() if n == m) for _, m in runs}
     report = None if progress is None else lambda k, of: progress("simulating", k, of)
-    parts = nested.simulate(task, RECIPES[runs[0][0]].compressor, most, report)
+    parts = nested.simulate(plant, RECIPES[runs[0][0]].features, most, report)
     for (name, m), d in draws.items():
         start = time.perf_counter()
-        tuner = nested.trained(RECIPES[name], task, parts, m, d, _named(progress, name, m))
+        tuner = nested.trained(RECIPES[name], plant, parts, m, d, _named(progress, name, m))
         yield name, m, tuner, time.perf_counter() - start
 
 
@@ -123,9 +122,11 @@ def _earlier(path: Path, conditions: dict[str, Any]) -> list[Row]:
 
 def to_markdown(rows: Sequence[Row]) -> str:
     """One table, a tuner after the other."""
-    lines = [f"| tuner | vehicles × noise draws | {HEAD}", "|---|---|---|---|---|---|---|"]
-    for name in dict.fromkeys(r["name"] for r in rows):
-        for r in sorted((r for r in rows if r["name"] == name), key=lambda r: r["vehicles"]):
-            size = f"{r['vehicles']} × {r['noise_draws']}" if r["vehicles"] else ""
-            lines.append(f"| {f'`{name}`' if size or name == 'gb' else name} | {size} | {cells(r)}")
-    return "\n".join(lines) + "\n"
+    names = list(dict.fromkeys(r["name"] for r in rows))
+    ordered = sorted(rows, key=lambda r: (names.index(r["name"]), r["vehicles"]))
+    return table(("tuner", "vehicles × noise draws", *HEADS), map(_cells, ordered))
+
+
+def _cells(r: Row) -> tuple[str, ...]:
+    size = f"{r['vehicles']} × {r['noise_draws']}" if r["vehicles"] else ""
+    return f"`{r['name']}`" if size or r["name"] == "gb" else r["name"], size, *cells(r)

@@ -14,17 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.draws import draw, recorded
+from studies.markdown import short, table
 from studies.rows import QUANTITIES
-from studies.table import short
-from tuners.tuner.recording import Recording
-from tuners.tuner.tuner import Tuner
+from tuners import Tuner
 from yawrate_env import validation
 from yawrate_env.files import write_text
-from yawrate_env.loop.loops import Evaluation
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops, record
-from yawrate_env.vehicle.single_track import Context
+from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 Tally = dict[str, Any]
@@ -36,6 +34,7 @@ SEED = 1_000_000
 CHUNK = 2048
 _BATCH = 256
 _LEAST, _GROWTH = 1e-9, 1.005
+_SHOWN = {"mu_s": 0, "M_delta": 1}  # parameters of an extreme episode
 QUANTILES = (0.5, 0.9, 0.99, 0.999, 0.9999, 0.99999)
 
 
@@ -54,13 +53,13 @@ def run(
         What the file holds: ``conditions``, ``done`` and a tally for each tuner.
     """
     validation.count("episodes", episodes)
-    task = Task()
+    plant = yaw_rate(Task())
     state = _earlier(path, {name: _fingerprint(tuner) for name, tuner in tuners.items()}, seed)
     while state["done"] < episodes:
         first = state["done"]
         stop = min(first + CHUNK, episodes)
         for start in range(first, stop, _BATCH):
-            _batch(tuners, task, seed, start, min(_BATCH, stop - start), state["tuners"])
+            _batch(tuners, plant, seed, start, min(_BATCH, stop - start), state["tuners"])
         state["done"] = stop
         write_text(path, json.dumps(state) + "\n")
         if progress is not None:
@@ -70,31 +69,30 @@ def run(
 
 def _batch(
     tuners: Mapping[str, Tuner],
-    task: Task,
+    plant: Plant,
     seed: int,
     first: int,
     count: int,
     tallies: dict[str, Tally],
 ) -> None:
-    draw = CONTEXT_SETS["test"].draw(task.prior, seed, first, count)
-    u, y = record(task, draw)
-    recording = Recording(u, np.asarray(y), task.experiment.Ts, draw.context.v_x)
-    judge = loops(task, draw.context)
+    drawn = draw(plant, "test", seed, first, count)
+    recording = recorded(plant, drawn)
     for name, tuner in tuners.items():
-        verdict = judge.evaluate(*tuner.act(recording).T)
-        _count(tallies[name], verdict, task, draw.context, first)
+        _count(tallies[name], plant, drawn.theta, tuner.act(recording), first)
 
 
-def _count(tally: Tally, verdict: Evaluation, task: Task, context: Context, first: int) -> None:
+def _count(tally: Tally, plant: Plant, theta: Array, gains: Array, first: int) -> None:
     """Add a batch whose first episode is number `first`."""
-    tally["unstable"] += int((~verdict.stable).sum())
-    for name in QUANTITIES:
-        values, entry = getattr(verdict.margins, name), tally[name]
-        kept = np.flatnonzero(verdict.stable & np.isfinite(values))
-        entry["undefined"] += int(verdict.stable.sum()) - len(kept)
+    assert plant.target is not None
+    metrics = plant.metric_values(theta, gains)
+    stable = ~np.isnan(metrics).any(axis=1)
+    tally["unstable"] += int((~stable).sum())
+    for name, target, values in zip(QUANTITIES, plant.target, metrics.T, strict=True):
+        kept, entry = np.flatnonzero(np.isfinite(values)), tally[name]
+        entry["undefined"] += int(stable.sum()) - len(kept)
         if not len(kept):
             continue
-        off = np.abs(values[kept] - getattr(task.target, name))
+        off = np.abs(values[kept] - target)
         entry["squares"] += float((off**2).sum())
         bins = np.log(np.maximum(off, _LEAST) / _LEAST) / np.log(_GROWTH)
         for k, n in zip(*np.unique(bins.astype(int), return_counts=True), strict=True):
@@ -102,12 +100,8 @@ def _count(tally: Tally, verdict: Evaluation, task: Task, context: Context, firs
         for end, at in (("lowest", values[kept].argmin()), ("highest", values[kept].argmax())):
             i, sign = kept[at], 1 if end == "highest" else -1
             if not entry[end] or sign * values[i] > sign * entry[end]["value"]:
-                entry[end] = {
-                    "value": float(values[i]),
-                    "episode": int(first + i),
-                    "mu_s": float(context.mu_s[i]),
-                    "M_delta": float(context.M_delta[i]),
-                }
+                about = {n: float(theta[i, k]) for n, k in _SHOWN.items()}
+                entry[end] = {"value": float(values[i]), "episode": int(first + i), **about}
 
 
 def _fresh() -> Tally:
@@ -119,7 +113,9 @@ def _fresh() -> Tally:
 
 def _fingerprint(tuner: Tuner) -> int:
     """Changes with the tuner's numbers."""
-    return zlib.crc32(b"".join(np.ascontiguousarray(a).tobytes() for a in tuner.arrays().values()))
+    return zlib.crc32(
+        b"".join(np.ascontiguousarray(a).tobytes() for a in tuner.method.arrays().values())
+    )
 
 
 def _earlier(path: Path, fingerprints: dict[str, int], seed: int) -> dict[str, Any]:
@@ -145,28 +141,28 @@ def quantile(entry: Tally, level: float) -> float:
 
 def to_markdown(state: dict[str, Any]) -> str:
     """Worst cases and quantiles, a line a tuner and quantity."""
-    levels = " | ".join(f"{100 * level:g} %" for level in QUANTILES)
-    lines = [
-        f"{state['done']} episodes of the `test` set, seed {state['conditions']['seed']}, "
-        "none left out. Unstable loops: "
-        + ", ".join(f"`{name}` {t['unstable']}" for name, t in state["tuners"].items())
-        + ". Columns in % are quantiles of the absolute error.",
-        "",
-        f"| tuner | quantity | lowest | highest | rms error | {levels} | undefined |",
-        "|---|---|---|---|---|" + "---|" * (len(QUANTILES) + 1),
+    unstable = ", ".join(f"`{name}` {t['unstable']}" for name, t in state["tuners"].items())
+    levels = [f"{100 * level:g} %" for level in QUANTILES]
+    rows = [
+        (f"`{name}`", f"{quantity.replace('_', ' ')} [{unit}]", *_cells(tally[quantity]))
+        for name, tally in state["tuners"].items()
+        for quantity, unit in zip(QUANTITIES, ("°", "Hz"), strict=True)
+        if tally[quantity]["histogram"]
     ]
-    for name, tally in state["tuners"].items():
-        for quantity, unit in zip(QUANTITIES, ("°", "Hz"), strict=True):
-            entry = tally[quantity]
-            number = sum(entry["histogram"].values())
-            if not number:
-                continue
-            ends = [_extreme(entry[end]) for end in ("lowest", "highest")]
-            spread = short((entry["squares"] / number) ** 0.5)
-            found = [short(quantile(entry, level)) for level in QUANTILES]
-            texts = [f"`{name}`", f"{quantity.replace('_', ' ')} [{unit}]", *ends, spread, *found]
-            lines.append("| " + " | ".join([*texts, str(entry["undefined"])]) + " |")
-    return "\n".join(lines) + "\n"
+    return (
+        f"{state['done']} episodes of the `test` set, seed {state['conditions']['seed']}, "
+        f"none left out. Unstable loops: {unstable}. "
+        "Columns in % are quantiles of the absolute error.\n\n"
+    ) + table(
+        ("tuner", "quantity", "lowest", "highest", "rms error", *levels, "undefined"), rows
+    )  # fmt: skip
+
+
+def _cells(entry: Tally) -> list[object]:
+    rms = (entry["squares"] / sum(entry["histogram"].values())) ** 0.5
+    ends = [_extreme(entry[end]) for end in ("lowest", "highest")]
+    found = [short(quantile(entry, level)) for level in QUANTILES]
+    return [*ends, short(rms), *found, entry["undefined"]]
 
 
 def _extreme(found: Tally) -> str:

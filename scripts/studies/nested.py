@@ -3,16 +3,15 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from tuners.catalogue import TRAINING_SEED, train
-from tuners.features import FirstStage
-from tuners.tuner.stages import Recipe
-from tuners.tuner.two_stage import TwoStage
+from tuners import Recipe, Tuner, train
+from tuners.features import Features
+from tuners.tuner.examples import Examples, examples_of
 from yawrate_env.batch import concatenate, take
-from yawrate_env.plant.episodes import Examples, compressed
-from yawrate_env.vehicle.task import Task
-from yawrate_env.vehicle.yaw_rate import yaw_rate
+from yawrate_env.plant.plant import Plant
 
 Progress = Callable[[int, int], None]
+
+TRAINING_SEED = 0
 
 ROWS = 40_000
 """Fresh noise on the same vehicles stops here: beyond it another vehicle teaches as much."""
@@ -24,8 +23,8 @@ def noise_draws(recipe: Recipe, vehicles: int) -> int:
 
 
 def simulate(
-    task: Task,
-    compressor: FirstStage,
+    plant: Plant,
+    features: Features,
     draws: Mapping[int, int],
     progress: Progress | None = None,
 ) -> list[Examples]:
@@ -34,15 +33,13 @@ def simulate(
     Parameters
     ----------
     draws : mapping
-        Numbers of vehicles, and how many noise draws each is wanted with.
+        Numbers of vehicles, and the noise draws for each.
     """
     counts = [max(m for m, d in draws.items() if d > r) for r in range(max(draws.values()))]
     parts, done = [], 0
     for repeat, count in enumerate(counts):
         blocks = []
-        for rows, _ in compressed(
-            yaw_rate(task), "train", TRAINING_SEED, 0, count, compressor, repeat
-        ):
+        for rows, _ in examples_of(plant, "train", TRAINING_SEED, 0, count, features, repeat):
             blocks.append(rows)
             done += len(rows)
             if progress is not None:
@@ -52,23 +49,25 @@ def simulate(
 
 
 def first(parts: list[Examples], vehicles: int, draws: int) -> Examples:
-    """What `yawrate_env.plant.episodes.examples` makes of so many vehicles and noise draws."""
+    """The data that `train` would simulate for so many vehicles and noise draws."""
     return concatenate([take(part, slice(0, vehicles)) for part in parts[:draws]])
 
 
 def trained(
     recipe: Recipe,
-    task: Task,
+    plant: Plant,
     parts: list[Examples],
     vehicles: int,
     draws: int,
     progress: Callable[[str, int, int], None] | None = None,
-) -> TwoStage:
-    """Train a recipe on the first `vehicles` of the data."""
+) -> Tuner:
+    """Train a recipe on the first `vehicles` of the data, without calibrated intervals."""
     return train(
         replace(recipe, noise_draws=draws),
-        task,
+        plant,
         episodes=vehicles,
-        dataset=first(parts, vehicles, draws),
+        seed=TRAINING_SEED,
+        calibration=0,
+        data=first(parts, vehicles, draws),
         progress=progress,
     )

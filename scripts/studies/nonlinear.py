@@ -1,9 +1,9 @@
 """What a linear twin costs when the vehicle is not linear, at rising amplitude.
 
-Test episodes are driven on the nonlinear vehicle.  Tuners answer them: the
+Test episodes are driven on the nonlinear vehicle and given to several tuners: the
 two-stage tuner trained on the linear twin, the same recipe trained on the nonlinear twin
 at that amplitude (on the vehicle's own tyres, and on tyres with less grip), and the gray
-box, whose model is the linear one.  Their loops are judged twice: by margin and crossover
+box, whose model is the linear one.  Their loops are evaluated twice: by margin and crossover
 of the linearisation, as everywhere, and in time on the nonlinear vehicle.
 """
 
@@ -15,18 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.catalogue import train
-from tuners.trust.vehicle_calibration import assessed
+from studies.markdown import table
+from tuners import Tuner, load, train
 from tuners.tuner.evaluation import Evaluation, evaluate
-from tuners.tuner.gray_box import GrayBox
-from tuners.tuner.tuner import Tuner
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops
+from tuners.tuner.training import assessed
 from yawrate_env.vehicle.nonlinear import NonlinearTwin, Tyre
 from yawrate_env.vehicle.nonlinear.time_domain import time_domain
-from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.twin import LinearTwin
+from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -36,7 +33,7 @@ AMPLITUDES = (0.5, 1.0, 2.0, 4.0)
 """Of the recorded command [deg]."""
 
 ASKED = 256
-"""Test episodes that tuners are asked whether to trust their answers to."""
+"""Test episodes whose gains are also checked for trust."""
 
 LOW_FRICTION = 0.5
 YAW_RATE = 5.0
@@ -110,7 +107,7 @@ def study(
     training: int = 600,
     amplitudes: Sequence[float] = AMPLITUDES,
 ) -> list[Score]:
-    """Train, test and judge at every amplitude.
+    """Train, test and evaluate at every amplitude.
 
     Parameters
     ----------
@@ -119,58 +116,68 @@ def study(
     training : int
         Vehicles that every tuner is trained on; twelve recordings of each.
     """
-    linear = train(RECIPE, task_at(1.0, nonlinear=False), episodes=training, seed=seed,
-                   progress=progress)  # fmt: skip
+
+    def trained(task: Task) -> Tuner:
+        return train(
+            RECIPE, yaw_rate(task), episodes=training, seed=seed, calibration=0, progress=progress
+        )  # fmt: skip
+
+    linear = trained(task_at(1.0, nonlinear=False))
     scores = []
     for done, amplitude in enumerate(amplitudes, start=1):
         task = task_at(amplitude)
         # A linear twin's features do not depend on the amplitude: one training serves all.
-        tuners: dict[str, Tuner] = {LINEAR: linear, GRAY: GrayBox(task)}
+        tuners = {LINEAR: linear, GRAY: load("gb", yaw_rate(task_at(amplitude, nonlinear=False)))}
         for name, twin in ((NONLINEAR, task.twin), (MISTAKEN, WRONG)):
-            tuners[name] = train(RECIPE, replace(task, twin=twin), episodes=training, seed=seed,
-                                 progress=progress)  # fmt: skip
-        scores += metric_values(task, amplitude, tuners, episodes, seed)
+            tuners[name] = trained(replace(task, twin=twin))
+        scores += scored(task, amplitude, tuners, episodes, seed)
         progress("testing", done, len(amplitudes))
     return scores
 
 
-def metric_values(
+def scored(
     task: Task, amplitude: float, tuners: Mapping[str, Tuner], episodes: int, seed: int
 ) -> list[Score]:
     """Scores of every tuner and of the oracle on the task's test episodes."""
-    found = evaluate(tuners, task, CONTEXT_SETS["test"], episodes=episodes, seed=seed, batch=256)
-    trusted = {name: _trusted(tuner, task, min(ASKED, episodes), seed)
-               for name, tuner in tuners.items()}  # fmt: skip
-    scores = []
-    for e in [*found, _oracle(task, found[0].context)]:
-        in_time = time_domain(task, e.context, e.kp, e.Ti, float(np.radians(YAW_RATE)))
-        for low in (False, True):
-            part = e.context.mu_s < LOW_FRICTION if low else np.ones(len(e.kp), dtype=np.bool_)
-            settling = in_time.settling_time[part]
-            asked = trusted[e.tuner][part[:ASKED]] if e.tuner in trusted else None
-            scores.append(
-                Score(
-                    e.tuner,
-                    amplitude,
-                    low,
-                    int(part.sum()),
-                    int((~e.stable[part]).sum()),
-                    _rms(e.phase_margin[part] - task.target.phase_margin),
-                    _rms(e.crossover[part] - task.target.crossover),
-                    float(np.median(in_time.overshoot[part])),
-                    float(np.median(np.nan_to_num(settling, nan=10.0))),
-                    int(np.isnan(settling).sum()),
-                    float(np.degrees(_rms(in_time.tracking_error[part]))),
-                    None if asked is None else float(asked.mean()),
-                )
-            )
-    return scores
+    plant, few = yaw_rate(task), min(ASKED, episodes)
+    given = {**tuners, ORACLE: load("oracle", plant)}
+    found = evaluate(given, plant, "test", episodes=episodes, seed=seed, batch=256)
+    trusted = {
+        name: np.concatenate(
+            [checked.trusted for _, checked, _ in assessed(tuner, "test", few, seed, plant)]
+        )
+        for name, tuner in tuners.items()
+    }  # fmt: skip
+    return [
+        _score(task, amplitude, e, low, trusted.get(e.tuner))
+        for e in found
+        for low in (False, True)
+    ]
 
 
-def _trusted(tuner: Tuner, task: Task, episodes: int, seed: int) -> NDArray[np.bool_]:
-    """Whether the answers to the task's first test episodes are trusted, (episodes,)."""
-    rows = assessed(tuner, "test", episodes, seed, task)
-    return np.concatenate([found.trusted for _, found, _ in rows])
+def _score(
+    task: Task, amplitude: float, e: Evaluation, low: bool, trusted: NDArray[np.bool_] | None
+) -> Score:
+    """One tuner's, over all test vehicles or those on low friction."""
+    part = e.theta[:, 0] < LOW_FRICTION if low else np.ones(len(e.gains), dtype=np.bool_)
+    step = float(np.radians(YAW_RATE))
+    in_time = time_domain(task, context_of(e.theta[part]), e.gains[part, 0], e.gains[part, 1], step)
+    margin, crossover = e.errors[part].T
+    settling = in_time.settling_time
+    return Score(
+        e.tuner,
+        amplitude,
+        low,
+        int(part.sum()),
+        int((~e.stable[part]).sum()),
+        _rms(margin),
+        _rms(crossover),
+        float(np.median(in_time.overshoot)),
+        float(np.median(np.nan_to_num(settling, nan=10.0))),
+        int(np.isnan(settling).sum()),
+        float(np.degrees(_rms(in_time.tracking_error))),
+        None if trusted is None else float(trusted[part[:ASKED]].mean()),
+    )
 
 
 def factors(scores: Sequence[Score]) -> list[tuple[float, bool, float, float]]:
@@ -207,48 +214,37 @@ def to_json(
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
+HEADS = (
+    "command", "tuner", "phase margin, rms error [°]", "crossover, rms error [Hz]", "unstable",
+    "overshoot [%]", "settling time [s]", "unsettled", "lane change, rms error [°/s]", "trusted",
+)  # fmt: skip
+
+
 def to_markdown(scores: Sequence[Score]) -> str:
     """Tables for all test vehicles and for those on low friction."""
-    lines = []
+    parts = []
     for low in (False, True):
         part = [s for s in scores if s.low_friction == low]
         which = f"mu_s below {LOW_FRICTION:g}" if low else "All test vehicles"
-        lines += [
-            f"## {which}: {part[0].episodes} episodes",
-            "",
-            "| command | tuner | phase margin, rms error [°] | crossover, rms error [Hz] "
-            "| unstable | overshoot [%] | settling time [s] | unsettled "
-            "| lane change, rms error [°/s] | trusted |",
-            "|---|---|---|---|---|---|---|---|---|---|",
-        ]
-        lines += [
-            f"| ±{s.amplitude:g}° | {s.tuner} | {s.phase_margin:.3g} | {s.crossover:.3g} "
-            f"| {s.unstable} | {s.overshoot:.1f} | {s.settling_time:.2f} | {s.unsettled} "
-            f"| {s.tracking_error:.3f} | {'' if s.trusted is None else f'{s.trusted:.1%}'} |"
-            for s in part
-        ]
-        lines.append("")
-    lines += [
-        "How many times closer to the target the tuner is that was trained on the nonlinear twin:",
-        "",
-        "| command | vehicles | phase margin | crossover |",
-        "|---|---|---|---|",
-    ]
-    lines += [
-        f"| ±{amplitude:g}° | {'low friction' if low else 'all'} | {margin:.1f} | {crossover:.1f} |"
+        parts += [f"## {which}: {part[0].episodes} episodes\n", table(HEADS, map(_cells, part))]
+    closer = [
+        (f"±{amplitude:g}°", "low friction" if low else "all", f"{margin:.1f}", f"{crossover:.1f}")
         for amplitude, low, margin, crossover in factors(scores)
     ]
-    return "\n".join(lines) + "\n"
+    parts += [
+        "How many times closer to the target the tuner is that was trained on the nonlinear "
+        "twin:\n",
+        table(("command", "vehicles", "phase margin", "crossover"), closer),
+    ]
+    return "\n".join(parts)
 
 
-def _oracle(task: Task, context: Context) -> Evaluation:
-    """The design rule that knows the vehicles, as an evaluation."""
-    judge = loops(task, context)
-    design = judge.design()
-    verdict = judge.evaluate(design.kp, design.Ti)
-    margins = verdict.margins
-    return Evaluation(ORACLE, context, design.kp, design.Ti, margins.phase_margin,
-                      margins.crossover, verdict.stable, np.zeros_like(design.kp))  # fmt: skip
+def _cells(s: Score) -> tuple[object, ...]:
+    return (
+        f"±{s.amplitude:g}°", s.tuner, f"{s.phase_margin:.3g}", f"{s.crossover:.3g}", s.unstable,
+        f"{s.overshoot:.1f}", f"{s.settling_time:.2f}", s.unsettled, f"{s.tracking_error:.3f}",
+        "" if s.trusted is None else f"{s.trusted:.1%}",
+    )  # fmt: skip
 
 
 def _rms(values: Array) -> float:

@@ -1,4 +1,4 @@
-"""How fast the nonlinear vehicle is driven, beside a loop of ``solve_ivp`` calls.
+"""How fast the nonlinear vehicle is simulated, compared with a loop of ``solve_ivp`` calls.
 
 Both must keep the yaw rate within `ERROR` of a solution with tolerances of 1e-12.  SciPy
 gets its fastest method and the loosest tolerance that manage; where the steering rate
@@ -14,15 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.draws import draw
+from studies.markdown import table
 from studies.nonlinear import task_at
 from studies.nonlinear_reference import solve
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, cores, over_blocks
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import excitation
 from yawrate_env.vehicle.nonlinear import NonlinearTwin
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -38,15 +39,15 @@ def measure(num_envs: int, rounds: int, progress: Progress) -> list[dict[str, An
     found = []
     for amplitude, limited in ((1.0, False), (4.0, True)):
         task = task_at(amplitude)
-        draw = CONTEXT_SETS["test"].draw(task.prior, 0, 0, num_envs)
-        u = excitation(task.experiment, draw.start)
-        few = take(draw.context, slice(0, _VEHICLES))
+        drawn = draw(yaw_rate(task), "test", 0, 0, num_envs)
+        context, u = context_of(drawn.theta), drawn.u
+        few = take(context, slice(0, _VEHICLES))
         truth = _loop(task, few, u, limited, "DOP853", 1e-12)
         method, tolerance, error = _fastest(task, few, u, limited, truth)
-        y = driven(task, draw.context, u)  # compiles
+        y = driven(task, context, u)  # compiles
         times = np.empty((rounds, 2, 2))
         for done in range(rounds):
-            times[done, 0] = _timed(lambda: driven(task, draw.context, u)) / num_envs  # noqa: B023
+            times[done, 0] = _timed(lambda: driven(task, context, u)) / num_envs  # noqa: B023
             times[done, 1] = _timed(
                 lambda: _loop(task, few, u, limited, method, tolerance)  # noqa: B023
             ) / len(few)  # fmt: skip
@@ -88,22 +89,22 @@ def driven(task: Task, context: Context, u: Array) -> Array:
 
 def to_markdown(found: list[dict[str, Any]]) -> str:
     """The measurements as a table."""
-    lines = [
-        f"Batches of {found[0]['num_envs']} vehicles on {found[0]['cores']} cores; SciPy's loop "
-        "uses one.",
-        "",
-        "| command | this, ms an episode | error [rad/s] | SciPy's best | ms an episode "
-        "| error [rad/s] | ratio | core to core |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    first, rows = found[0], []
     for row in found:
         scipy, ratio = row["scipy"], row["ratio"]
-        lines.append(
-            f"| ±{row['amplitude']:g}° | {row['milliseconds'][0]:.2f} | {row['error']:.0e} "
-            f"| {scipy['method']} at {scipy['tolerance']:.0e} | {scipy['milliseconds'][0]:.0f} "
-            f"| {scipy['error']:.0e} | {ratio[0]:.0f} | {ratio[1]:.0f} |"
-        )
-    return "\n".join(lines) + "\n"
+        rows.append(
+            (f"±{row['amplitude']:g}°", f"{row['milliseconds'][0]:.2f}", f"{row['error']:.0e}",
+             f"{scipy['method']} at {scipy['tolerance']:.0e}", f"{scipy['milliseconds'][0]:.0f}",
+             f"{scipy['error']:.0e}", f"{ratio[0]:.0f}", f"{ratio[1]:.0f}")
+        )  # fmt: skip
+    return (
+        f"Batches of {first['num_envs']} vehicles on {first['cores']} cores; SciPy's loop "
+        "uses one.\n\n"
+    ) + table(
+        ("command", "this, ms an episode", "error [rad/s]", "SciPy's best", "ms an episode",
+         "error [rad/s]", "ratio", "core to core"),
+        rows,
+    )  # fmt: skip
 
 
 def _fastest(

@@ -1,7 +1,7 @@
-"""Every tuner off its design point: the same episodes to all, judged on the true vehicle.
+"""Every tuner off its design point: the same episodes for all, evaluated on the true vehicle.
 
-Gains are those that `Tuner.tune` gives, so that offsets and starts are taken out, and trust
-is asked for at once.  A tuner that refuses a recording says so in its cell.
+Gains and trust are those of `Tuner.tune`, with offsets and starts taken out.  Where a tuner
+refuses a recording, its cell has the message.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,17 +10,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.conditions import SWEEPS, Level, Sweep, recorded
-from studies.metrics import bootstrap_interval
+from studies.bounds import bound_on
+from studies.conditions import SWEEPS, Level, Sweep
+from studies.draws import draw, recorded
+from studies.metrics import bootstrap_interval, rms
 from studies.trusting import MISS
-from tuners.trust.vehicle_bound import cramer_rao
+from tuners import Tuner
 from tuners.tuner.recording import Recording
-from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
-from yawrate_env.loop.target import Target
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops
+from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -55,9 +55,9 @@ class Accuracy:
         found = errors[np.isfinite(errors)]
         if not len(found):
             return cls(None, None, bound, None)
-        value = float(rms_of(found))
+        value = float(rms(found))
         ratio = value / bound if bound else None
-        return cls(value, bootstrap_interval(found, rms_of), bound, ratio)
+        return cls(value, bootstrap_interval(found, rms), bound, ratio)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class Cell:
     trusted, trusted_misses : int
         Episodes whose gains were trusted; those that should not have been.
     refused : str
-        The tuner's words, where it could not be used at all.
+        Why the tuner could not be used at all.
     """
 
     condition: str
@@ -141,27 +141,27 @@ def measure(
     seed: int,
 ) -> list[Cell]:
     """Give every tuner the same episodes at one level of one condition."""
-    truth, shown = sweep.make(task, level)
+    true_task, transformed = sweep.make(task, level)
+    truth = yaw_rate(true_task)
     parts: dict[str, list[Array]] = {name: [] for name in tuners}
     refused: dict[str, str] = {}
-    bounds = []
     for first in range(0, episodes, _CHUNK):
-        draw = CONTEXT_SETS["test"].draw(truth.prior, seed, first, min(_CHUNK, episodes - first))
-        recording, judge = shown(recorded(truth, draw), draw), loops(truth, draw.context)
+        drawn = draw(truth, "test", seed, first, min(_CHUNK, episodes - first))
+        recording = transformed(recorded(truth, drawn), drawn)
         for name in tuners.keys() - refused.keys():
             try:
-                parts[name].append(answered(tuners[name], recording, judge))
+                parts[name].append(answered(tuners[name], recording, truth, drawn.theta))
             except ValueError as error:
                 refused[name] = str(error)
-        if sweep.bounded or level == sweep.design:
-            bounds.append(cramer_rao(truth, draw))
-    bound = rms_of(np.concatenate(bounds)) if bounds else None
+    bound = None
+    if sweep.bounded or level == sweep.design:
+        bound = rms(bound_on(truth, "test", seed, episodes))
     nothing = np.empty((0, 4))
     return [
         cell(
             (sweep.name, level, name, episodes),
             nothing if name in refused else np.concatenate(parts[name]),
-            truth.target,
+            truth.target or (),
             bound,
             refused.get(name, ""),
         )
@@ -169,27 +169,26 @@ def measure(
     ]
 
 
-def answered(tuner: Tuner, recording: Recording, judge: Loops) -> Array:
+def answered(tuner: Tuner, recording: Recording, truth: Plant, theta: Array) -> Array:
     """(B, 4) of phase_margin [deg], crossover [Hz], and stable and trusted as 0 or 1.
 
-    Margins are ``nan`` where the loop is unstable.
+    Margins are those with the true plants `theta` (B, p); ``nan`` where the loop is unstable.
     """
-    design, found = tuner.assess(recording)
-    verdict = judge.evaluate(design.kp, design.Ti)
-    margins = np.stack([verdict.margins.phase_margin, verdict.margins.crossover], axis=1)
-    margins[~verdict.stable] = np.nan
-    return np.column_stack([margins, verdict.stable, found.trusted])
+    gains, found = tuner.assess(recording)
+    values, stable = truth.evaluation(theta, gains.values)
+    margins = np.where(stable[:, None], values[:, :2], np.nan)
+    return np.column_stack([margins, stable, found.trusted])
 
 
 def cell(
     which: tuple[str, Level, str, int],
     answers: Array,
-    target: Target,
+    target: Sequence[float],
     bound: Array | None,
     refused: str = "",
 ) -> Cell:
     """Sum up what `answered` gave; `which` is condition, level, tuner and episodes."""
-    errors = answers[:, :2] - (target.phase_margin, target.crossover)
+    errors = answers[:, :2] - target
     stable, trusted = answers[:, 2:].T == 1
     missed = ~(np.abs(errors) <= MISS).all(axis=1)  # not-a-number is a miss
     pm, fc = (Accuracy.of(errors[:, i], None if bound is None else float(bound[i])) for i in (0, 1))
@@ -201,8 +200,3 @@ def cell(
         trusted_misses=int((missed & trusted).sum()),
         refused=refused,
     )  # fmt: skip
-
-
-def rms_of(values: Array, axis: int = 0) -> Array:
-    """Root mean square along an axis."""
-    return np.asarray(np.sqrt((values**2).mean(axis=axis)))

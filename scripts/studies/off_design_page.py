@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from studies.conditions import SWEEPS, Level
+from studies.markdown import general, table
 from studies.off_design import Accuracy, Cell
 from studies.trusting import MISS
 from yawrate_env.files import write_text
@@ -71,7 +72,7 @@ def page(cells: Sequence[Cell], seed: int) -> str:
 
 def _accuracies(cells: Sequence[Cell], of: Callable[[Cell], Accuracy]) -> str:
     return _table(
-        cells, {"bound": lambda c: shown(of(c).bound)}, lambda c: shown(of(c).rms, of(c).ratio)
+        cells, {"bound": lambda c: general(of(c).bound)}, lambda c: general(of(c).rms, of(c).ratio)
     )
 
 
@@ -93,21 +94,18 @@ def _table(
         for (name, level), row in rows.items()
     }
     titled = {"design point": titled.get("design point", []), **titled}
-    lines = ["| " + " | ".join(["condition", *common, *(f"`{n}`" for n in names)]) + " |"]
-    lines.append("|---" * (1 + len(common) + len(names)) + "|")
-    for title, row in titled.items():
-        if row:
-            entries = [f(row[0]) for f in common.values()]
-            entries += ["refused" if c.refused else text(c) for c in row]
-            lines.append("| " + " | ".join([title, *entries]) + " |")
-    return "\n".join(lines) + "\n"
-
-
-def shown(value: float | None, ratio: float | None = None) -> str:
-    """Three digits, and a ratio in brackets."""
-    if value is None:
-        return "–"
-    return f"{value:.3g}" + ("" if ratio is None else f" ({ratio:.3g})")
+    return table(
+        ("condition", *common, *(f"`{name}`" for name in names)),
+        [
+            (
+                title,
+                *(f(row[0]) for f in common.values()),
+                *("refused" if c.refused else text(c) for c in row),
+            )
+            for title, row in titled.items()
+            if row
+        ],
+    )
 
 
 def shown_level(level: Level) -> str:

@@ -1,20 +1,20 @@
-"""From a plant to its results: train, compare, draw, write; what the examples run.
+"""From a plant to its results: train, compare, draw, write (`scripts/compare_plant.py`).
 
-results/plants.json   figures of every plant that was run
+results/plants.json   metrics of every plant that was run
 results/plants.md     the same as tables
 figures/NAME.png      one picture a plant
 """
 
-import argparse
 import json
 import time
 from pathlib import Path
 from typing import Any
 
+from studies.markdown import table
 from studies.plants_pictures import overview
-from tuners.cli.progress import Bars
-from tuners.cli.report.palette import DPI
-from tuners.tuner.plant_evaluation import (
+from studies.plots import save
+from tuners import Plant, Tuner, train
+from tuners.tuner.evaluation import (
     GRAY_BOX,
     NOMINAL,
     ORACLE,
@@ -23,45 +23,28 @@ from tuners.tuner.plant_evaluation import (
     Comparison,
     compare,
 )
-from tuners.tuner.plant_tuner import PlantTuner
-from tuners.tuner.training import train
 from yawrate_env import validation
-from yawrate_env.files import replacing, write_text
-from yawrate_env.plant.episodes import episodes
-from yawrate_env.plant.plant import Plant
+from yawrate_env.files import write_text
+from yawrate_env.plant.episodes import recorded
 
-TEST = 500
-
-
-def main(plant: Plant) -> None:
-    """Run a plant's file as a program."""
-    name = plant.entry.partition(":")[0].rpartition(".")[2]
-    parser = argparse.ArgumentParser(description=f"Train and compare tuners for {name}.")
-    parser.add_argument("--plants", type=int, help="simulated for training, default 1000")
-    parser.add_argument("--test", type=int, default=TEST, help="test episodes, default %(default)s")
-    parser.add_argument("--seed", type=int, default=0, help="default 0")
-    parser.add_argument("--out", type=Path, default=Path(), help="folder, default this one")
-    args = parser.parse_args()
-    try:
-        with Bars() as bars:
-            print(run(plant, name, args.out, args.plants, args.test, args.seed, bars))
-    except ValueError as error:
-        parser.exit(1, f"error: {error}\n")
+HEADING = "# Plants of one's own\n\nMade by `scripts/compare_plant.py`; edits are overwritten."
 
 
 def run(
     plant: Plant,
     name: str,
-    out: Path,
+    results: Path,
+    figures: Path,
+    *,
     count: int | None,
     test: int,
     seed: int,
     progress: Any = None,
 ) -> str:
-    """Train, compare and write; returns the plant's table."""
+    """Train, compare and write; returns the plant's section of the page."""
     validation.count("test", test, at_least=20, remedy="Compare on more episodes.")
     started = time.perf_counter()
-    tuner = train(plant, count=count, seed=seed, progress=progress)
+    tuner = train(plant, episodes=count, seed=seed, progress=progress)
     trained = time.perf_counter()
     comparison = compare(tuner, test, seed)
     part = _part(tuner, comparison)
@@ -69,22 +52,24 @@ def run(
         "training": trained - started,
         "comparison": time.perf_counter() - trained,
     }
-    (block,) = episodes(plant, "test", seed, 0, 1)
-    fit = tuner.tune(plant.u, block.y[0])
-    _write(out, name, part)
-    picture = overview(plant, block.y[0], fit.simulated, comparison)
-    (out / "figures").mkdir(exist_ok=True)
-    with replacing(out / "figures" / f"{name}.png") as file:
-        picture.savefig(file, dpi=DPI, format="png")
-    return table(name, part)
+    block = recorded(plant, "test", seed, 1)
+    fit = tuner.tune(block.u[0], block.y[0], measured=_measured(plant, block.theta[0])).fit
+    _write(results, name, part)
+    save(overview(plant, block.y[0], fit.simulated, comparison), figures / f"{name}.png")
+    return section(name, part)
 
 
-def _part(tuner: PlantTuner, comparison: Comparison) -> dict[str, Any]:
+def _measured(plant: Plant, theta: Any) -> dict[str, float]:
+    return {name: float(theta[i]) for name, i in
+            zip(plant.measured, plant.indices(plant.measured), strict=True)}  # fmt: skip
+
+
+def _part(tuner: Tuner, comparison: Comparison) -> dict[str, Any]:
     """A plant's results as plain JSON values."""
-    plant, bound = tuner.plant, comparison.bound
+    metrics, bound = tuner.plant.counted, comparison.bound
     rows = {
         name: {
-            "rms": dict(zip(plant.metrics, comparison.rms(name).tolist(), strict=True)),
+            "rms": dict(zip(metrics, comparison.rms(name).tolist(), strict=True)),
             "unstable": comparison.unstable(name),
         }
         for name in (TUNER, GRAY_BOX, SEVERAL, NOMINAL, ORACLE)
@@ -94,48 +79,48 @@ def _part(tuner: PlantTuner, comparison: Comparison) -> dict[str, Any]:
         "training": tuner.training,
         "episodes": len(bound),
         "rows": rows,
-        "bound": dict(zip(plant.metrics, least, strict=True)),
+        "bound": dict(zip(metrics, least, strict=True)),
         "trusted": float(comparison.trusted.mean()),
         "gray box converged": float(comparison.converged.mean()),
-        "coverage": dict(zip(plant.metrics, comparison.covered.mean(axis=0).tolist(), strict=True)),
+        "coverage": dict(zip(metrics, comparison.covered.mean(axis=0).tolist(), strict=True)),
     }
 
 
-def table(name: str, part: dict[str, Any]) -> str:
+def page(parts: dict[str, dict[str, Any]]) -> str:
+    """Every plant's section."""
+    return "\n\n".join([HEADING, *(section(name, parts[name]) for name in sorted(parts))]) + "\n"
+
+
+def section(name: str, part: dict[str, Any]) -> str:
     """One plant's results in Markdown."""
-    figures = list(part["bound"])
-    lines = [f"## {name}", ""]
-    lines += [
-        f"| tuner | {' | '.join(f'rms error of {f} | / bound' for f in figures)} | unstable |"
+    bound, training, seconds = part["bound"], part["training"], part["seconds"]
+    rows = [
+        (tuner, *_cells(row["rms"], bound, ".2f"), row["unstable"])
+        for tuner, row in part["rows"].items()
     ]
-    lines += ["|---|" + "---:|" * (2 * len(figures) + 1)]
-    for tuner, row in part["rows"].items():
-        cells = [f"{row['rms'][f]:.3g} | {row['rms'][f] / part['bound'][f]:.2f}" for f in figures]
-        lines.append(f"| {tuner} | {' | '.join(cells)} | {row['unstable']} |")
-    cells = [f"{part['bound'][f]:.3g} | 1" for f in figures]
-    lines.append(f"| Cramér–Rao bound | {' | '.join(cells)} | |")
-    coverage = ", ".join(f"{f} {100 * c:.1f} %" for f, c in part["coverage"].items())
-    training, seconds = part["training"], part["seconds"]
-    lines += [
-        "",
+    rows.append(("Cramér–Rao bound", *_cells(bound, bound, "g"), ""))
+    heads = [head for metric in bound for head in (f"rms error of {metric}", "/ bound")]
+    coverage = ", ".join(f"{metric} {100 * c:.1f} %" for metric, c in part["coverage"].items())
+    return (
+        f"## {name}\n\n{table(('tuner', *heads, 'unstable'), rows)}\n"
         f"{part['episodes']} test plants; trained on {training['vehicles']} others with "
         f"{training['noise_draws']} recordings of each, seed {training['seed']}. Errors are "
-        "distances from what the design rule reaches that knows the plant.",
+        "distances from what the design rule reaches that knows the plant.\n"
         f"Two-stage gains trusted: {100 * part['trusted']:.1f} %. Its 90 % intervals held: "
-        f"{coverage}. Gray box converged: {100 * part['gray box converged']:.1f} %.",
-        f"Training took {seconds['training']:.0f} s, comparison {seconds['comparison']:.0f} s.",
-    ]
-    return "\n".join(lines)
+        f"{coverage}. Gray box converged: {100 * part['gray box converged']:.1f} %.\n"
+        f"Training took {seconds['training']:.0f} s, comparison {seconds['comparison']:.0f} s."
+    )
 
 
-def _write(out: Path, name: str, part: dict[str, Any]) -> None:
+def _cells(rms: dict[str, float], bound: dict[str, float], form: str) -> list[str]:
+    return [text for m in bound for text in (f"{rms[m]:.3g}", f"{rms[m] / bound[m]:{form}}")]
+
+
+def _write(results: Path, name: str, part: dict[str, Any]) -> None:
     """Put a plant's part into the results of all."""
-    folder = out / "results"
-    folder.mkdir(exist_ok=True)
-    path = folder / "plants.json"
+    results.mkdir(parents=True, exist_ok=True)
+    path = results / "plants.json"
     parts = json.loads(path.read_text()) if path.exists() else {}
     parts[name] = part
     write_text(path, json.dumps(parts, indent=1) + "\n")
-    tables = "\n\n".join(table(n, parts[n]) for n in sorted(parts))
-    heading = "# Plants of one's own\n\nMade by `examples/plants/*.py`; edits are overwritten."
-    write_text(folder / "plants.md", f"{heading}\n\n{tables}\n")
+    write_text(results / "plants.md", page(parts))

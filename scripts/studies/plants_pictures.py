@@ -1,4 +1,4 @@
-"""One picture a plant: a recording with the plant found in it, and how far every tuner misses."""
+"""One picture a plant: a recording with the plant found in it, and the errors of every tuner."""
 
 import numpy as np
 from matplotlib import style
@@ -8,7 +8,7 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from tuners.cli.report.palette import COLOURS, INK, NOISE, STYLE, WIDTH
-from tuners.tuner.plant_evaluation import GRAY_BOX, NOMINAL, TUNER, Comparison
+from tuners.tuner.evaluation import GRAY_BOX, NOMINAL, TUNER, Comparison
 from yawrate_env.env import rendering
 from yawrate_env.plant.plant import Plant
 
@@ -25,7 +25,7 @@ def overview(plant: Plant, y: Array, simulated: Array, comparison: Comparison) -
     y, simulated : (N,) float64
         A measured output, and that of the plant which explains it best.
     """
-    t, f = np.arange(len(y)) * plant.Ts, len(plant.metrics)
+    t, f = np.arange(len(y)) * plant.Ts, len(plant.counted)
     with style.context(["default", STYLE]):
         picture = Figure(figsize=(WIDTH, 6.4))
         grid = picture.add_gridspec(3, f, height_ratios=[0.55, 1.2, 2.0])
@@ -39,7 +39,7 @@ def overview(plant: Plant, y: Array, simulated: Array, comparison: Comparison) -
         below.set(ylabel=_label(plant.signals[1]), xlabel="time [s]", ymargin=0.1)
         above.legend(*below.get_legend_handles_labels(), loc="lower right", ncols=2,
                      bbox_to_anchor=(1, 1), frameon=False)  # fmt: skip
-        for k, name in enumerate(plant.metrics):
+        for k, name in enumerate(plant.counted):
             axes = picture.add_subplot(grid[2, k])
             _shares(axes, comparison, k)
             axes.set_xlabel(f"error of {name}")

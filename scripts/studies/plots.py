@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tuners.cli.report.palette import DPI, INK, MODEL, NOISE, STYLE, WIDTH, ZOOM, colour
 from yawrate_env.env import rendering
+from yawrate_env.files import replacing
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -188,14 +189,9 @@ def margin_scatter(
 
 def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a PNG, completely or not at all; equal figures give equal bytes."""
-    target = Path(path)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        with style.context(["default", STYLE]):
-            figure.savefig(temporary, format="png", dpi=DPI, metadata={"Software": None})
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    with style.context(["default", STYLE]), replacing(path) as file:
+        figure.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
 
 
 def _finite(a: Array, b: Array) -> tuple[Array, Array]:

@@ -1,6 +1,6 @@
 """How far every tuner is above the Cramer-Rao bound, on episodes that nothing learned from.
 
-A tuner's figure is the root mean square of its error from the target; the bound's is the
+A tuner's value is the root mean square of its error from the target; the bound's is the
 root mean square over the same vehicles and inputs.  Intervals come from resampling
 episodes, error and bound together.
 """
@@ -13,19 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.metrics import bootstrap_interval, ratio_of_rms
-from tuners.catalogue import RECIPES, load, train
+from studies.bounds import bound_on
+from studies.markdown import table
+from studies.metrics import bootstrap_interval, ratio_of_rms, rms
+from tuners import RECIPES, Recipe, Tuner, load, train
+from tuners.catalogue import SPEEDS
 from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
-from tuners.trust.vehicle_bound import cramer_rao
 from tuners.tuner.evaluation import evaluate
-from tuners.tuner.gray_box import GrayBox
-from tuners.tuner.stages import Recipe
-from tuners.tuner.tuner import Tuner
-from yawrate_env.batch import concatenate
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
 from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -45,6 +43,11 @@ TREES = Recipe(
 """Boosted trees on Laguerre features and nothing else."""
 
 MANY = 40_000
+
+HEADS = (
+    "tuner", "condition", "simulated vehicles", "test episodes",
+    "phase margin rms [°]", "× bound (95 %)", "crossover rms [Hz]", "× bound (95 %)", "unstable",
+)  # fmt: skip
 
 _BATCH = 256
 
@@ -82,29 +85,22 @@ def entry(
     name: str, tuner: Tuner, condition: str, learned: str, episodes: int,
     progress: Progress | None = None,
 ) -> Entry:  # fmt: skip
-    """Evaluate on the first `episodes` of the ``test`` set of the tuner's own task."""
-    task, test = tuner.task, CONTEXT_SETS["test"]
+    """Evaluate on the first `episodes` of the ``test`` set of the tuner's own plant."""
+    plant = tuner.plant
 
     def report(done: int, of: int) -> None:
         if progress is not None:
             progress(f"{name}, {condition}", done, of)
 
-    found = evaluate(
-        {name: tuner}, task, test, episodes=episodes, seed=0, batch=_BATCH, progress=report
-    )[0]
-    target = np.array([task.target.phase_margin, task.target.crossover])
-    errors = np.stack([found.phase_margin, found.crossover], axis=1) - target
-    draws = [
-        test.draw(task.prior, 0, first, min(_BATCH, episodes - first))
-        for first in range(0, episodes, _BATCH)
-    ]
-    least = np.concatenate([cramer_rao(task, draw) for draw in draws])
-    assert len(concatenate(draws)) == len(errors)
-    pairs = [np.stack([errors[:, k], least[:, k]], axis=1) for k in (0, 1)]
-    low_high = [bootstrap_interval(pair, ratio_of_rms) for pair in pairs]
-    rms, bound = (np.sqrt((values**2).mean(axis=0)) for values in (errors, least))
+    (found,) = evaluate(
+        {name: tuner}, plant, "test", episodes=episodes, seed=0, batch=_BATCH, progress=report
+    )  # fmt: skip
+    errors, least = found.errors, bound_on(plant, "test", 0, episodes)
+    pairs = np.stack([errors, least], axis=2)
+    low_high = [bootstrap_interval(pairs[:, k], ratio_of_rms) for k in (0, 1)]
     return Entry(
-        name, condition, learned, episodes, _pair(rms), _pair(bound), _pair(rms / bound),
+        name, condition, learned, episodes,
+        _pair(rms(errors)), _pair(rms(least)), _pair(rms(errors) / rms(least)),
         (low_high[0], low_high[1]), int((~found.stable).sum()),
     )  # fmt: skip
 
@@ -121,31 +117,35 @@ def run(
     many : int
         Simulated vehicles for the boosted trees that get as many as it takes.
     """
-    task = Task()
-    anywhere = Task(experiment=Experiment(register="random"))
-    speeds = Task(prior=Prior(v_x=RECIPES["ts-ff-lag-vx"].v_x))
-    fixed, varied, every = "same excitation", "random register", "10 to 33 m/s"
-    vehicles = f"{RECIPES['ts-ff-lag'].vehicles} × 12 draws"
+    every = RECIPES["ts-ff-lag-vx"]
+    plant = yaw_rate(Task())
+    random = yaw_rate(Task(experiment=Experiment(register="random")))
+    speeds = yaw_rate(Task(prior=Prior(v_x=SPEEDS["ts-ff-lag-vx"])))
+    fixed, varied, anywhere = "same excitation", "random register", "10 to 33 m/s"
+    vehicles = f"{RECIPES['ts-ff-lag'].episodes} × 12 draws"
     alone = "ts-gbm-lag without its trend"
-    shown = RECIPES["ts-ff-lag-vx"]
+
+    def trained(recipe: Recipe, on: Any, count: int | None = None) -> Tuner:
+        return train(recipe, on, episodes=count, calibration=0, progress=progress)
+
     return [
-        entry("gb", GrayBox(task), fixed, "–", close, progress),
+        entry("gb", load("gb"), fixed, "–", close, progress),
         entry("ts-ff-lag", load("ts-ff-lag"), fixed, vehicles, episodes, progress),
         entry("ts-ff-lag", load("ts-ff-lag"), fixed, vehicles, close, progress),
-        entry("gb", GrayBox(anywhere), varied, "–", episodes, progress),
+        entry("gb", load("gb", random), varied, "–", episodes, progress),
         entry(
-            "ts-ff-lag, 16 functions", train(RANDOM, anywhere, progress=progress),
+            "ts-ff-lag, 16 functions", trained(RANDOM, random),
             varied, vehicles, episodes, progress,
         ),
-        entry("gb", GrayBox(speeds), every, "–", episodes, progress),
+        entry("gb", load("gb", speeds), anywhere, "–", episodes, progress),
         entry(
-            "ts-ff-lag-vx", load("ts-ff-lag-vx"), every,
-            f"{shown.vehicles} × {shown.noise_draws} draws", close, progress,
+            "ts-ff-lag-vx", load("ts-ff-lag-vx"), anywhere,
+            f"{every.episodes} × {every.noise_draws} draws", close, progress,
         ),
         entry("ts-gbm-lag", load("ts-gbm-lag"), fixed, vehicles, episodes, progress),
-        entry(alone, train(TREES, task, progress=progress), fixed, vehicles, episodes, progress),
+        entry(alone, trained(TREES, plant), fixed, vehicles, episodes, progress),
         entry(
-            alone, train(replace(TREES, noise_draws=2), task, episodes=many, progress=progress),
+            alone, trained(replace(TREES, noise_draws=2), plant, many),
             fixed, f"{many} × 2 draws", episodes, progress,
         ),
     ]  # fmt: skip
@@ -158,21 +158,18 @@ def to_json(rows: Sequence[Entry]) -> str:
 
 def to_markdown(rows: Sequence[Entry]) -> str:
     """The table."""
-    lines = [
-        "| tuner | condition | simulated vehicles | test episodes | phase margin rms [°] "
-        "| × bound (95 %) | crossover rms [Hz] | × bound (95 %) | unstable |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        ratios = [
-            f"{ratio:.3f} ({low:.3f} to {high:.3f})"
-            for ratio, (low, high) in zip(row.ratio, row.intervals, strict=True)
-        ]
-        lines.append(
-            f"| `{row.tuner}` | {row.condition} | {row.learned_from} | {row.episodes} "
-            f"| {row.rms[0]:.5f} | {ratios[0]} | {row.rms[1]:.6f} | {ratios[1]} | {row.unstable} |"
-        )
-    return "\n".join(lines) + "\n"
+    return table(HEADS, map(_cells, rows))
+
+
+def _cells(row: Entry) -> tuple[object, ...]:
+    margin, crossover = (
+        f"{ratio:.3f} ({low:.3f} to {high:.3f})"
+        for ratio, (low, high) in zip(row.ratio, row.intervals, strict=True)
+    )
+    return (
+        f"`{row.tuner}`", row.condition, row.learned_from, row.episodes,
+        f"{row.rms[0]:.5f}", margin, f"{row.rms[1]:.6f}", crossover, row.unstable,
+    )  # fmt: skip
 
 
 def _pair(values: Any) -> tuple[float, float]:

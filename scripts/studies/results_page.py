@@ -6,13 +6,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.bounds import bound_on
+from studies.markdown import ratios, table
 from studies.metrics import rms
 from studies.scoreboard import PROTOCOL, Estimate, EvaluationProtocol, Row, to_json
-from tuners.catalogue import NAMES
-from tuners.trust.vehicle_bound import cramer_rao
+from tuners import NAMES
 from yawrate_env.files import write_text
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.plant.episodes import ranges_of
+from yawrate_env.plant.plant import Plant
+from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 
@@ -108,17 +111,20 @@ _OTHERS = {
 
 def write(board: Sequence[Row], protocol: EvaluationProtocol, folder: Path) -> None:
     """Write ``README.md`` and ``scoreboard.json`` into a folder that exists."""
-    others = {name: what for name, what in _OTHERS.items() if (folder / name).exists()}
     write_text(folder / "scoreboard.json", to_json(board, protocol))
-    write_text(folder / "README.md", page(board, protocol, others))
+    write_text(folder / "README.md", page(board, protocol, others(folder)))
 
 
-def page(board: Sequence[Row], protocol: EvaluationProtocol, others: dict[str, str]) -> str:
-    """Build the whole page; `others` are further files of the folder and what they hold."""
+def others(folder: Path) -> dict[str, str]:
+    """Further files of a folder, and what they hold."""
+    return {name: what for name, what in _OTHERS.items() if (folder / name).exists()}
+
+
+def page(board: Sequence[Row], protocol: EvaluationProtocol, beside: dict[str, str]) -> str:
+    """Build the whole page; `beside` are further files of the folder and what they hold."""
     task = Task()
     e, t = task.experiment, task.target
-    beyond = CONTEXT_SETS["extrapolation"].beyond
-    assert beyond is not None
+    beyond = _vehicles(yaw_rate(task), "extrapolation")
     absent = [name for name in NAMES if name not in {row.tuner for row in board}]
     text = _PAGE.format(
         title=_title(protocol),
@@ -130,8 +136,8 @@ def page(board: Sequence[Row], protocol: EvaluationProtocol, others: dict[str, s
         register="the same" if e.register == "same" else "a random",
         amplitude=np.degrees(e.amplitude),
         bit=e.bit_time,
-        prior=_vehicles(task.prior, task.prior),
-        beyond=_vehicles(beyond, task.prior),
+        prior=_vehicles(yaw_rate(task), "test"),
+        beyond=beyond,
         Ts_control=t.Ts,
         delay=f"{t.delay_samples} samples of delay" if t.delay_samples else "no delay",
         phase_margin=t.phase_margin,
@@ -140,43 +146,46 @@ def page(board: Sequence[Row], protocol: EvaluationProtocol, others: dict[str, s
         missing=f"Not here, since the package ships no file for them: {_names(absent)}.\n\n"
         if absent
         else "",
-        seeds=" ([rl.md](rl.md) does, for five)" if "rl.md" in others else "",
+        seeds=" ([rl.md](rl.md) does, for five)" if "rl.md" in beside else "",
         example=EXAMPLE,
     )
-    if not others:
+    if not beside:
         return text
-    listed = "\n".join(f"- [{name}]({name}): {what}" for name, what in others.items())
+    listed = "\n".join(f"- [{name}]({name}): {what}" for name, what in beside.items())
     return f"{text}\n## Also here\n\n{listed}\n"
 
 
-def table(rows: Sequence[Row], bound: Array) -> str:
-    """Rows of one context set, and the bound (2,) on phase_margin [deg] and crossover [Hz]."""
-    lines = [
-        "| tuner | learned from | score | mean reward | regret to the oracle "
-        "| phase margin rmse [°] | crossover rmse [Hz] | × bound | unstable |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        cells = [f"`{row.tuner}`", row.learned_from or "–", _fixed(row.score)]
-        cells += [_short(x) for x in (row.reward, row.regret, row.phase_margin, row.crossover)]
-        ratios = np.array([row.phase_margin.value, row.crossover.value]) / bound
-        cells.append(" / ".join("0" if ratio < 1e-6 else f"{ratio:.3g}" for ratio in ratios))
-        lines.append("| " + " | ".join([*cells, str(row.unstable)]) + " |")
-    least = " | ".join(f"{value:#.3g}" for value in bound)
-    lines.append(f"| *Cramér–Rao bound* | – | | | | {least} | 1 / 1 | |")
-    return "\n".join(lines) + "\n"
+HEADS = (
+    "tuner", "learned from", "score", "mean reward", "regret to the oracle",
+    "phase margin rmse [°]", "crossover rmse [Hz]", "× bound", "unstable",
+)  # fmt: skip
+
+
+def scores(rows: Sequence[Row], bound: Array) -> str:
+    """Table of one context set, and the bound (2,) on phase_margin [deg] and crossover [Hz]."""
+    cells = [
+        [
+            f"`{row.tuner}`", row.learned_from or "–", _fixed(row.score),
+            *map(_short, (row.reward, row.regret, row.phase_margin, row.crossover)),
+            ratios(np.array([row.phase_margin.value, row.crossover.value]) / bound),
+            row.unstable,
+        ]
+        for row in rows
+    ]  # fmt: skip
+    least = [f"{value:#.3g}" for value in bound]
+    return table(
+        HEADS, [*cells, ["*Cramér–Rao bound*", "–", "", "", "", *least, "1 / 1", ""]]
+    )  # fmt: skip
 
 
 def bound(protocol: EvaluationProtocol, context: str) -> Array:
     """Root mean square of the bound over a protocol's episodes, (2,) [deg], [Hz]."""
-    task = Task()
-    draw = CONTEXT_SETS[context].draw(task.prior, protocol.seed, 0, protocol.episodes)
-    return rms(cramer_rao(task, draw))
+    return rms(bound_on(yaw_rate(Task()), context, protocol.seed, protocol.episodes))
 
 
 def _section(board: Sequence[Row], protocol: EvaluationProtocol, context: str) -> str:
     chosen = [row for row in board if row.context_set == context]
-    return f"### Context set `{context}`\n\n{table(chosen, bound(protocol, context))}"
+    return f"### Context set `{context}`\n\n{scores(chosen, bound(protocol, context))}"
 
 
 def _title(protocol: EvaluationProtocol) -> str:
@@ -185,13 +194,10 @@ def _title(protocol: EvaluationProtocol) -> str:
     return f"A trial: evaluation protocol {protocol.version} cut to {protocol.episodes} episodes"
 
 
-def _vehicles(prior: Prior, at: Prior) -> str:
-    low, high = at.v_x
-    speed = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-    return (
-        f"μs {prior.mu_s[0]:g} to {prior.mu_s[1]:g}, Mδ {prior.M_delta[0]:g} to "
-        f"{prior.M_delta[1]:g} kg, {speed} m/s"
-    )
+def _vehicles(plant: Plant, name: str) -> str:
+    mu_s, M_delta, v_x = np.transpose(ranges_of(plant, name))
+    speed = f"{v_x[0]:g}" if v_x[0] == v_x[1] else f"{v_x[0]:g} to {v_x[1]:g}"
+    return f"μs {mu_s[0]:g} to {mu_s[1]:g}, Mδ {M_delta[0]:g} to {M_delta[1]:g} kg, {speed} m/s"
 
 
 def _names(names: Sequence[str]) -> str:

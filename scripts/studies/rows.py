@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.markdown import short
 from studies.metrics import bootstrap_interval, ratio_of_rms, rms
-from studies.table import short
 from tuners.tuner.evaluation import Policy, evaluate
-from yawrate_env.vehicle.contexts import CONTEXT_SETS, ContextSet
-from yawrate_env.vehicle.task import Task
+from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -17,21 +16,21 @@ Row = dict[str, Any]
 QUANTITIES = ("phase_margin", "crossover")
 BATCH = 256
 
+HEADS = (
+    "phase margin rms [°]",
+    "crossover rms [Hz]",
+    "ratio to the bound: phase margin (95 %)",
+    "crossover (95 %)",
+    "unstable",
+)
 
-def errors(
-    policy: Policy, task: Task, episodes: int, seed: int, contexts: ContextSet | None = None
-) -> Array:
+
+def errors(policy: Policy, plant: Plant, episodes: int, seed: int) -> Array:
     """Phase margin [deg] and crossover [Hz] off the target, (E, 2); ``nan`` where unstable."""
     (found,) = evaluate(
-        {"": policy},
-        task,
-        contexts or CONTEXT_SETS["test"],
-        episodes=episodes,
-        seed=seed,
-        batch=BATCH,
-    )
-    off = [getattr(found, name) - getattr(task.target, name) for name in QUANTITIES]
-    return np.where(found.stable[:, None], np.stack(off, axis=1), np.nan)
+        {"": policy}, plant, "test", episodes=episodes, seed=seed, batch=BATCH
+    )  # fmt: skip
+    return np.where(found.stable[:, None], found.errors, np.nan)
 
 
 def row(name: str, off: Array, bound: Array, **about: Any) -> Row:
@@ -53,16 +52,10 @@ def row(name: str, off: Array, bound: Array, **about: Any) -> Row:
     return result
 
 
-HEAD = (
-    "phase margin rms [°] | crossover rms [Hz] "
-    "| ratio to the bound: phase margin (95 %) | crossover (95 %) | unstable |"
-)
-
-
-def cells(r: Row) -> str:
-    """Those of `HEAD`."""
+def cells(r: Row) -> list[str]:
+    """Those of `HEADS`."""
     texts = [short(r[quantity]["rms"]) for quantity in QUANTITIES]
     for quantity in QUANTITIES:
         low, high = (short(v) for v in r[quantity]["ratio_interval"])
         texts.append(f"{short(r[quantity]['ratio'])} ({low} to {high})")
-    return " | ".join([*texts, str(r["unstable"])]) + " |"
+    return [*texts, str(r["unstable"])]

@@ -1,23 +1,24 @@
 """Speed that is known but varies: the gain schedule, accuracy against speed, a wrong speed.
 
-The schedule kp(v_x), Ti(v_x) is what one tuner for all speeds answers to one recording at
-each speed, beside what the design rule gives that knows the vehicle.
+The schedule kp(v_x), Ti(v_x) are the gains that one tuner for all speeds finds in one
+recording at each speed, beside those of the design rule that knows the vehicle.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.conditions import SPEED, recorded
-from studies.off_design import Accuracy, Cell, answered, measure, rms_of
-from tuners.trust.vehicle_bound import cramer_rao
-from tuners.tuner.tuner import Tuner, nominal_context
+from studies.bounds import bound_on
+from studies.conditions import SPEED
+from studies.draws import draw, recorded
+from studies.metrics import rms
+from studies.off_design import Accuracy, Cell, answered, measure
+from tuners import Tuner
 from yawrate_env import validation
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops
-from yawrate_env.vehicle.single_track import Context
+from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Prior, Task
 
 Array = NDArray[np.float64]
@@ -103,25 +104,26 @@ class Price:
         return float(np.mean([np.nan if rms is None else rms for rms in ones]))
 
 
-def vehicles(prior: Prior) -> list[tuple[float, float]]:
+def vehicles(plant: Plant) -> list[tuple[float, float]]:
     """(mu_s, M_delta) in the middle of the prior and at its four corners."""
-    middle = nominal_context(prior)
-    corners = [(mu_s, M_delta) for mu_s in prior.mu_s for M_delta in prior.M_delta]
-    return [(float(middle.mu_s[0]), float(middle.M_delta[0])), *corners]
+    mu_s, M_delta, _ = plant.middle[0].tolist()
+    return [(mu_s, M_delta), *product(plant.prior["mu_s"], plant.prior["M_delta"])]
 
 
 def schedule(
     tuner: Tuner, mu_s: float, M_delta: float, speeds: Sequence[float], seed: int = 0
 ) -> Schedule:
     """Tune one vehicle from one recording at each speed [m/s]."""
-    task = tuner.task
-    draw = CONTEXT_SETS["test"].draw(task.prior, seed, 0, len(speeds))
-    draw = replace(draw, context=Context.of(mu_s, M_delta, speeds))
-    judge = loops(task, draw.context)
-    design, _ = tuner.assess(recorded(task, draw))
-    margins, oracle = judge.evaluate(design.kp, design.Ti).margins, judge.design()
-    columns = (design.kp, design.Ti, oracle.kp, oracle.Ti, margins.phase_margin, margins.crossover)
-    return Schedule(mu_s, M_delta, list(speeds), *(column.tolist() for column in columns))
+    plant, count = tuner.plant, len(speeds)
+    theta = np.stack([np.full(count, mu_s), np.full(count, M_delta), np.array(speeds)], axis=1)
+    drawn = replace(draw(plant, "test", seed, 0, count), theta=theta)
+    gains, _ = tuner.assess(recorded(plant, drawn))
+    metrics = plant.evaluation(theta, gains.values)[0][:, :2]
+    columns = np.stack([gains.values, plant.oracle(theta), metrics]).transpose(0, 2, 1)
+    (kp, Ti), (oracle_kp, oracle_Ti), (margin, crossover) = columns.tolist()
+    return Schedule(
+        mu_s, M_delta, list(speeds), kp, Ti, oracle_kp, oracle_Ti, margin, crossover
+    )  # fmt: skip
 
 
 def accuracy(
@@ -134,24 +136,25 @@ def accuracy(
 ) -> list[Bin]:
     """Errors and bound between each two `edges` [m/s], over the tuner's own prior."""
     validation.count("episodes", episodes)
-    task, parts = tuner.task, []
+    plant, parts = tuner.plant, []
     for first in range(0, episodes, _CHUNK):
-        draw = CONTEXT_SETS["test"].draw(task.prior, seed, first, min(_CHUNK, episodes - first))
-        answers = answered(tuner, recorded(task, draw), loops(task, draw.context))
-        parts.append(np.column_stack([draw.context.v_x, answers, cramer_rao(task, draw)]))
+        drawn = draw(plant, "test", seed, first, min(_CHUNK, episodes - first))
+        answers = answered(tuner, recorded(plant, drawn), plant, drawn.theta)
+        bound = bound_on(plant, "test", seed, len(answers), first)
+        parts.append(np.column_stack([drawn.theta[:, 2], answers, bound]))
         if progress is not None:
-            progress("accuracy against speed", first + len(draw), episodes)
+            progress("accuracy against speed", first + len(answers), episodes)
     rows = np.concatenate(parts)
     index = np.digitize(rows[:, 0], edges[1:-1])
     return [
-        _bin(task, low, high, rows[index == i])
+        _bin(plant, low, high, rows[index == i])
         for i, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True))
     ]
 
 
-def _bin(task: Task, low: float, high: float, rows: Array) -> Bin:
-    errors = rows[:, 1:3] - (task.target.phase_margin, task.target.crossover)
-    bound = rms_of(rows[:, 5:]) if len(rows) else np.full(2, np.nan)
+def _bin(plant: Plant, low: float, high: float, rows: Array) -> Bin:
+    errors = rows[:, 1:3] - plant.targets(plant.middle)
+    bound = rms(rows[:, 5:]) if len(rows) else np.full(2, np.nan)
     pm, fc = (Accuracy.of(errors[:, i], float(bound[i])) for i in (0, 1))
     stable, trusted = rows[:, 3:5].sum(axis=0).astype(int).tolist()
     return Bin(low, high, len(rows), len(rows) - stable, trusted, pm, fc)

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from studies.off_design_page import shown
+from studies.markdown import general, table
 from studies.schedule import Bin, Price, Schedule
 from yawrate_env.files import write_text
 
@@ -82,14 +82,14 @@ def page(
 
 def _accuracy(bins: Sequence[Bin]) -> str:
     heads = ("speed [m/s]", "episodes", "phase margin [°]", "crossover [Hz]", "unstable", "trusted")
-    return _table(
+    return table(
         heads,
         [
             (
                 f"{b.low:g} to {b.high:g}",
                 b.episodes,
-                shown(b.phase_margin.rms, b.phase_margin.ratio),
-                shown(b.crossover.rms, b.crossover.ratio),
+                general(b.phase_margin.rms, b.phase_margin.ratio),
+                general(b.crossover.rms, b.crossover.ratio),
                 b.unstable,
                 f"{b.trusted / max(b.episodes, 1):.1%}",
             )
@@ -101,7 +101,7 @@ def _accuracy(bins: Sequence[Bin]) -> str:
 def _schedule(row: Schedule) -> str:
     heads = ("speed [m/s]", "kp [s]", "Ti [s]", "phase margin [°]", "crossover [Hz]")
     columns = (row.v_x, row.kp, row.oracle_kp, row.Ti, row.oracle_Ti, row.phase_margin)
-    return _table(
+    return table(
         heads,
         [
             (f"{v:g}", f"{kp:.4f} ({kp0:.4f})", f"{Ti:.4f} ({Ti0:.4f})", f"{pm:.3f}", f"{fc:.4f}")
@@ -113,24 +113,19 @@ def _schedule(row: Schedule) -> str:
 def _prices(prices: Sequence[Price]) -> str:
     levels = [c.level for c in prices[0].cells]
     heads = ("tuner", "claimed", *(f"{level:+g}" for level in levels), "for 1 m/s", "trusted")
-    return _table(
+    return table(
         heads,
         [
             (
                 f"`{p.tuner}`",
                 f"{p.v_x:g} m/s",
-                *(shown(c.phase_margin.rms) for c in p.cells),
-                shown(p.degrees),
+                *(general(c.phase_margin.rms) for c in p.cells),
+                general(p.degrees),
                 " and ".join(str(c.trusted) for c in p.cells if c.level in (-1.0, 1.0)),
             )
             for p in prices
         ],
     )
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    lines = [heads, ["---"] * len(heads), *rows]
-    return "".join("| " + " | ".join(map(str, line)) + " |\n" for line in lines)
 
 
 def _finite(value: Any) -> Any:

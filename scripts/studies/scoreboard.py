@@ -1,9 +1,9 @@
-"""Every tuner's figures under one fixed, versioned evaluation protocol.
+"""Every tuner's scores under one fixed, versioned evaluation protocol.
 
     score = (mean reward - nominal's) / (oracle's - nominal's)
 
-is 0 for the fixed gains of the mid-prior vehicle, which look at nothing, and 1 for the
-design rule that knows the vehicle.  Everybody gets the same episodes, so differences are
+is 0 for the fixed gains of the mid-prior vehicle, which ignore the recording, and 1 for the
+design rule that knows the vehicle.  All tuners get the same episodes, so differences are
 paired, and intervals come from resampling episodes, the same ones for all.
 """
 
@@ -15,14 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.metrics import bootstrap_interval
-from tuners.catalogue import NAMES, UNTRAINED, load, shipped
+from studies.metrics import bootstrap_interval, rms
+from tuners import NAMES, Tuner, load
+from tuners.catalogue import UNTRAINED, shipped
 from tuners.tuner.evaluation import Evaluation, Policy, evaluate
-from tuners.tuner.tuner import Tuner
-from yawrate_env.loop.target import Target
-from yawrate_env.plant.reward import reward
-from yawrate_env.vehicle.contexts import context_set
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -32,7 +30,7 @@ _BATCH = 256
 
 @dataclass(frozen=True, slots=True)
 class EvaluationProtocol:
-    """What is evaluated on what; anything that moves a figure makes a new version.
+    """What is evaluated on what; whatever changes a score makes a new version.
 
     Attributes
     ----------
@@ -125,7 +123,7 @@ def run(
     missing = {"nominal", "oracle"} - set(tuners)
     if missing:
         raise ValueError(f"{', '.join(sorted(missing))} must be evaluated too: the score's ends.")
-    task, board = Task(), []
+    board = []
     for name in protocol.context_sets:
 
         def report(done: int, of: int, name: str = name) -> None:
@@ -133,34 +131,33 @@ def run(
                 progress(f"evaluating, {name}", done, of)
 
         found = evaluate(
-            tuners, task, context_set(name), episodes=protocol.episodes, seed=protocol.seed,
+            tuners, yaw_rate(Task()), name, episodes=protocol.episodes, seed=protocol.seed,
             batch=_BATCH, progress=report,
         )  # fmt: skip
-        board += rows(found, name, task.target, {n: learned_from(t) for n, t in tuners.items()})
+        board += rows(found, name, {n: learned_from(t) for n, t in tuners.items()})
     return board
 
 
-def rows(
-    evaluations: Sequence[Evaluation], context: str, target: Target, learned: Mapping[str, str]
-) -> list[Row]:
+def rows(evaluations: Sequence[Evaluation], context: str, learned: Mapping[str, str]) -> list[Row]:
     """Rows of tuners on the same episodes, the best score first."""
-    rewards = {e.tuner: reward(e.phase_margin, e.crossover, e.stable, target) for e in evaluations}
+    rewards = {e.tuner: e.plant.reward(e.theta, e.gains) for e in evaluations}
     board = []
     for e in evaluations:
         table = np.stack([rewards[n] for n in (e.tuner, "nominal", "oracle")], axis=1)
+        margin, crossover = e.errors.T
         board.append(
             Row(
                 e.tuner,
                 context,
                 learned[e.tuner],
-                len(e.kp),
+                len(e.gains),
                 int((~e.stable).sum()),
-                int(np.isnan(e.phase_margin).sum()),
+                int((~np.isfinite(margin)).sum()),
                 Estimate.of(table[:, 0], np.mean),
                 Estimate.of(table[:, 2] - table[:, 0], np.mean),
                 Estimate.of(table, score),
-                _error(e.phase_margin, target.phase_margin),
-                _error(e.crossover, target.crossover),
+                Estimate.of(margin[np.isfinite(margin)], rms),
+                Estimate.of(crossover[np.isfinite(crossover)], rms),
             )
         )
     return sorted(board, key=lambda row: -row.score.value)
@@ -207,12 +204,3 @@ def to_json(board: Sequence[Row], protocol: EvaluationProtocol) -> str:
 
 def _without_nan(items: list[tuple[str, Any]]) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in items}
-
-
-def _error(values: Array, target: float) -> Estimate:
-    defined = values[np.isfinite(values)]
-    return Estimate.of(defined - target, _root_mean_square)
-
-
-def _root_mean_square(errors: Array, axis: int) -> Array:
-    return np.asarray(np.sqrt(np.mean(errors**2, axis=axis)))

@@ -5,7 +5,7 @@ foreign recordings (`studies.faults`), usual ones, usable ones of an unusual exp
 and whether intervals of 90 % hold nine times in ten.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -13,16 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies import faults
-from tuners.trust.vehicle_bound import cramer_rao
-from tuners.trust.vehicle_calibration import assessed
+from studies.draws import task_of
+from studies.markdown import table
+from tuners import Tuner
+from tuners.trust.bound import cramer_rao
 from tuners.tuner.recording import Recording
-from tuners.tuner.tuner import Tuner
+from tuners.tuner.training import assessed
 from yawrate_env.batch import take
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
 from yawrate_env.vehicle.episode import loops, plants
-from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.single_track import Context, Vehicle
 from yawrate_env.vehicle.task import Task
 
 Array = NDArray[np.float64]
@@ -87,16 +88,16 @@ class Coverage:
 
 def faulty(tuner: Tuner, count: int, seed: int, progress: Progress | None = None) -> list[Count]:
     """Every kind of `studies.faults.KINDS`, `count` recordings each."""
-    rows = []
+    rows, task = [], task_of(tuner.plant)
     for number, (name, kind) in enumerate(faults.KINDS.items()):
-        made = kind(tuner.task, np.random.default_rng((seed, number)), count)
+        made = kind(task, np.random.default_rng((seed, number)), count)
         good, stable, trusted = [], [], []
         for i in range(0, count, _BATCH):
             part = slice(i, min(i + _BATCH, count))
-            design, found = tuner.assess(made.recording.part(part))
+            gains, found = tuner.assess(made.recording.part(part))
             trusted.append(found.trusted)
             vehicles = made.vehicle if len(made.vehicle) == 1 else made.vehicle[part]
-            g, s = _judged(tuner.task, vehicles, take(made.context, part), design.kp, design.Ti)
+            g, s = _evaluated(task, vehicles, take(made.context, part), gains.values)
             good.append(g)
             stable.append(s)
         rows.append(_count(name, *map(np.concatenate, (good, stable, trusted)), real=made.real))
@@ -107,10 +108,10 @@ def faulty(tuner: Tuner, count: int, seed: int, progress: Progress | None = None
 
 def usual(tuner: Tuner, episodes: int, seed: int, progress: Progress | None = None) -> Count:
     """Episodes of the ``test`` set."""
-    good, trusted, done = [], [], 0
+    plant, good, trusted, done = tuner.plant, [], [], 0
     for block, found, actual in assessed(tuner, "test", episodes, seed):
         done += len(block)
-        good.append(_good(tuner.task, actual))
+        good.append(_good(task_of(plant), actual))
         trusted.append(found.trusted)
         if progress is not None:
             progress("usual episodes", done, episodes)
@@ -120,14 +121,14 @@ def usual(tuner: Tuner, episodes: int, seed: int, progress: Progress | None = No
 
 def unusual(tuner: Tuner, count: int, seed: int, progress: Progress | None = None) -> list[Count]:
     """Experiments that no training saw, `count` recordings of each kind."""
-    rows = []
+    rows, task = [], task_of(tuner.plant)
     for number, (name, experiment) in enumerate(UNUSUAL.items()):
         rng = np.random.default_rng((seed, number))
         good, stable, trusted = [], [], []
         for done in range(count):
-            context = faults.of_prior(tuner.task, rng, 1)
-            design, found = tuner.assess(experiment(tuner.task, context, rng))
-            g, s = _judged(tuner.task, (tuner.task.vehicle,), context, design.kp, design.Ti)
+            context = faults.of_prior(task, rng, 1)
+            gains, found = tuner.assess(experiment(task, context, rng))
+            g, s = _evaluated(task, (task.vehicle,), context, gains.values)
             good.append(g)
             stable.append(s)
             trusted.append(found.trusted)
@@ -141,32 +142,30 @@ def coverage(
     tuner: Tuner, episodes: int, seed: int, progress: Progress | None = None
 ) -> list[Coverage]:
     """Intervals on ``test`` episodes: all of them, and each third of friction."""
-    inside, width, bound, friction, done = [], [], [], [], 0
+    plant, done = tuner.plant, 0
+    inside, width, bound, friction = [], [], [], []
     for block, found, actual in assessed(tuner, "test", episodes, seed):
-        half = tuner.calibration.factors * found.spread
+        half = np.array(tuner.calibration) * found.spread
         inside.append(np.abs(actual - found.metrics) <= half)
         width.append(2 * half)
-        draw = CONTEXT_SETS["test"].draw(tuner.task.prior, seed, done, len(half))
+        bound.append(2 * 1.6449 * cramer_rao(plant, block.theta, block.u))
+        friction.append(block.theta[:, 0])
         done += len(block)
-        bound.append(2 * 1.6449 * cramer_rao(tuner.task, draw))
-        friction.append(draw.context.mu_s)
         if progress is not None:
             progress("coverage", done, episodes)
     columns = [np.concatenate(x) for x in (inside, width, bound)]
     mu_s = np.concatenate(friction)
-    edges = np.linspace(*tuner.task.prior.mu_s, 4)
+    edges = np.linspace(*plant.prior["mu_s"], 4)
     groups = {"all": np.ones(len(mu_s), dtype=bool)}
     for low, high in zip(edges[:-1], edges[1:], strict=True):
         groups[f"friction {low:.2f} to {high:.2f}"] = (mu_s >= low) & (mu_s <= high)
     rows = []
     for name, chosen in groups.items():
-        held, wide, least = (values[chosen].mean(axis=0) for values in columns)
+        held, wide, least = (values[chosen].mean(axis=0).tolist() for values in columns)
+        count = int(chosen.sum())
         rows.append(
-            Coverage(
-                name, int(chosen.sum()), float(held[0]), float(held[1]),
-                (float(wide[0]), float(wide[1])), (float(least[0]), float(least[1])),
-            )
-        )  # fmt: skip
+            Coverage(name, count, held[0], held[1], (wide[0], wide[1]), (least[0], least[1]))
+        )
     return rows
 
 
@@ -200,7 +199,8 @@ def recorded(
     clean = simulate(plants(task.vehicle, context, Ts), u)[:, first:]
     rms = np.sqrt((clean**2).mean())
     y = clean + rms * (10 ** (-snr_db / 20) * rng.standard_normal(clean.shape) + bias)
-    return Recording(np.ascontiguousarray(u[:, first:] + bias * amplitude), y, Ts, context.v_x)
+    shifted = np.ascontiguousarray(u[:, first:] + bias * amplitude)
+    return Recording(shifted, y, Ts, faults.claimed_speed(context.v_x))
 
 
 Experiment = Callable[[Task, Context, np.random.Generator], Recording]
@@ -223,31 +223,31 @@ UNUSUAL: dict[str, Experiment] = {
         seconds=rng.uniform(5, 20), skipped=rng.uniform(1, 5), bias=rng.uniform(-0.5, 0.5),
     ),
 }  # fmt: skip
-"""Experiments unlike any that a tuner was trained on, which it should cope with."""
+"""Experiments unlike any that a tuner was trained on, which it should handle."""
 
 
 def to_markdown(results: dict[str, Any]) -> str:
     """The study's tables."""
-    lines = []
+    parts = []
     for name, found in results.items():
-        lines += [f"## `{name}`", "", *_counts_table(found["faulty"]), ""]
-        lines += [*_trusted_table([found["usual"], *found["unusual"]]), ""]
-        lines += [*_coverage_table(found["coverage"]), ""]
-    return "\n".join(lines)
+        trusted = _trusted_table([found["usual"], *found["unusual"]])
+        tables = _counts_table(found["faulty"]), trusted, _coverage_table(found["coverage"])
+        parts += [f"## `{name}`\n", *tables]
+    return "\n".join(parts)
 
 
 def run(
     tuners: dict[str, Tuner], *, faults_each: int, episodes: int, unusual_each: int,
     covered: int, seed: int, progress: Progress | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """All four questions to every tuner, as plain values."""
+    """Answers to the four questions for every tuner, as plain values."""
     return {
         name: {
             "faulty": [asdict(row) for row in faulty(tuner, faults_each, seed, progress)],
             "usual": asdict(usual(tuner, episodes, seed, progress)),
             "unusual": [asdict(row) for row in unusual(tuner, unusual_each, seed, progress)],
             "coverage": [asdict(row) for row in coverage(tuner, covered, seed + 1, progress)],
-            "calibration": asdict(tuner.calibration),
+            "calibration": list(tuner.calibration),
         }
         for name, tuner in tuners.items()
     }
@@ -258,27 +258,23 @@ def _good(task: Task, margins: Array) -> NDArray[np.bool_]:
     return np.asarray((np.abs(margins - target) <= MISS).all(axis=1))
 
 
-def _judged(
-    task: Task, vehicles: Sequence[Any], context: Context, kp: Array, Ti: Array
+def _evaluated(
+    task: Task, vehicles: Sequence[Vehicle], context: Context, gains: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whether gains are good for the true vehicles, and whether the loops are stable."""
+    """Whether gains (B, 2) are good for the true vehicles, and whether the loops are stable.
+
+    `vehicles` is one for all, or one for each.
+    """
+    own = len(vehicles) > 1
+    rows = [slice(i, i + 1) for i in range(len(context))] if own else [slice(None)]
     good, stable = [], []
-    for part, vehicle in _by_vehicle(vehicles, len(context)):
-        verdict = loops(replace(task, vehicle=vehicle), take(context, part)).evaluate(
-            kp[part], Ti[part]
-        )
-        margins = np.stack([verdict.margins.phase_margin, verdict.margins.crossover], axis=1)
-        good.append(_good(task, margins) & verdict.stable)
-        stable.append(verdict.stable)
+    for part, vehicle in zip(rows, vehicles, strict=True):
+        truth = loops(replace(task, vehicle=vehicle), take(context, part))
+        found = truth.evaluate(*gains[part].T)
+        margins = np.stack([found.margins.phase_margin, found.margins.crossover], axis=1)
+        good.append(_good(task, margins) & found.stable)
+        stable.append(found.stable)
     return np.concatenate(good), np.concatenate(stable)
-
-
-def _by_vehicle(vehicles: Sequence[Any], count: int) -> Iterator[tuple[slice, Any]]:
-    if len(vehicles) == 1:
-        yield slice(0, count), vehicles[0]
-        return
-    for i, vehicle in enumerate(vehicles):
-        yield slice(i, i + 1), vehicle
 
 
 def _count(
@@ -295,44 +291,44 @@ def _count(
     )  # fmt: skip
 
 
-def _counts_table(rows: Sequence[dict[str, Any]]) -> list[str]:
+def _counts_table(rows: Sequence[dict[str, Any]]) -> str:
     columns = ("recordings", "misses", "unstable", "trusted", "trusted_misses")
     pooled = {key: sum(row[key] for row in rows) for key in columns}
-    lines = [
-        "| faulty or foreign | recordings | gains miss | unstable | trusted | trusted, missing |",
-        "|---|---|---|---|---|---|",
-    ]
-    for row in [*rows, {"kind": "**together**", "real": True, **pooled}]:
-        note = "" if row["real"] else " (no vehicle behind it)"
-        lines.append(f"| {row['kind']}{note} | " + " | ".join(str(row[c]) for c in columns) + " |")
-    return lines
+    return table(
+        ("faulty or foreign", "recordings", "gains miss", "unstable", "trusted",
+         "trusted, missing"),
+        [
+            (row["kind"] + ("" if row["real"] else " (no vehicle behind it)"),
+             *(row[c] for c in columns))
+            for row in [*rows, {"kind": "**together**", "real": True, **pooled}]
+        ],
+    )  # fmt: skip
 
 
-def _trusted_table(rows: Sequence[dict[str, Any]]) -> list[str]:
-    lines = [
-        "| usable | recordings | gains miss | trusted of the good | trusted and missing |",
-        "|---|---|---|---|---|",
-    ]
-    for row in rows:
+def _trusted_table(rows: Sequence[dict[str, Any]]) -> str:
+    def share(row: dict[str, Any]) -> float:
         good = row["recordings"] - row["misses"]
-        share = (row["trusted"] - row["trusted_misses"]) / max(good, 1)
-        lines.append(
-            f"| {row['kind']} | {row['recordings']} | {row['misses']} | {share:.1%} "
-            f"| {row['trusted_misses']} |"
-        )
-    return lines
+        return float((row["trusted"] - row["trusted_misses"]) / max(good, 1))
+
+    return table(
+        ("usable", "recordings", "gains miss", "trusted of the good", "trusted and missing"),
+        [
+            (row["kind"], row["recordings"], row["misses"], f"{share(row):.1%}",
+             row["trusted_misses"])
+            for row in rows
+        ],
+    )  # fmt: skip
 
 
-def _coverage_table(rows: Sequence[dict[str, Any]]) -> list[str]:
-    lines = [
-        "| intervals of 90 % | episodes | phase margin inside | crossover inside "
-        "| mean width [°] (bound's) | mean width [Hz] (bound's) |",
-        "|---|---|---|---|---|---|",
-    ]
+def _coverage_table(rows: Sequence[dict[str, Any]]) -> str:
+    cells = []
     for row in rows:
         (w, f), (bw, bf) = row["width"], row["bound"]
-        lines.append(
-            f"| {row['vehicles']} | {row['episodes']} | {row['phase_margin']:.1%} "
-            f"| {row['crossover']:.1%} | {w:.4f} ({bw:.4f}) | {f:.5f} ({bf:.5f}) |"
-        )
-    return lines
+        inside = f"{row['phase_margin']:.1%}", f"{row['crossover']:.1%}"
+        widths = f"{w:.4f} ({bw:.4f})", f"{f:.5f} ({bf:.5f})"
+        cells.append((row["vehicles"], row["episodes"], *inside, *widths))
+    return table(
+        ("intervals of 90 %", "episodes", "phase margin inside", "crossover inside",
+         "mean width [°] (bound's)", "mean width [Hz] (bound's)"),
+        cells,
+    )  # fmt: skip

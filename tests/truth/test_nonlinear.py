@@ -17,7 +17,8 @@ from yawrate_env.vehicle.nonlinear import tyre as tyres
 from yawrate_env.vehicle.nonlinear.body import GRAVITY
 from yawrate_env.vehicle.nonlinear.steering import PIECE, PIECES, cut
 from yawrate_env.vehicle.single_track import Context, Vehicle
-from yawrate_env.vehicle.twin import LinearTwin, twin_from
+from yawrate_env.vehicle.task import twin_from
+from yawrate_env.vehicle.twin import LinearTwin
 
 TWIN = NonlinearTwin()
 CORNERS = Context.of([0.3, 0.3, 1.1, 1.1], [0.0, 300.0, 0.0, 300.0], [20.0, 33.0, 10.0, 33.0])

@@ -1,7 +1,7 @@
-"""Recordings to a few standardised numbers, and actions in [-1, 1] to gains, for any plant.
+"""Recordings to standardised features, and actions in [-1, 1] to gains, for any plant.
 
-What a learning agent needs around ``yawrate/Plant-v0`` or ``yawrate/PITuning-v0``, as two
-pure maps; wrappers, agents and exported data sets share them.
+Two pure maps around ``yawrate/Plant-v0`` or ``yawrate/PITuning-v0``, which wrappers, agents
+and exported data sets share.
 """
 
 from collections.abc import Callable
@@ -11,11 +11,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features import FirstStage
-from tuners.learners.actor import standardised, stretched
-from yawrate_env.plant.action_bounds import reach
+from tuners.features import Features
+from tuners.learners.actor import standardise
+from yawrate_env.plant.action_bounds import action_bounds
 from yawrate_env.plant.episodes import recorded
-from yawrate_env.plant.parametrisation import Coordinates
+from yawrate_env.plant.parametrisation import Parametrisation, scale_to_bounds
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.decimation import averaged
 
@@ -26,17 +26,17 @@ _EPISODES = 512
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureMap:
-    """Compress, append what is known beside the recording, standardise, clip.
+    """Features of recordings and of known parameters, standardised and clipped.
 
     Attributes
     ----------
-    compressor : FirstStage
+    features : Features
         First stage.
     mean, scale : NDArray
         (n,) over the prior.
     """
 
-    compressor: FirstStage
+    features: Features
     mean: Array
     scale: Array
 
@@ -44,40 +44,38 @@ class FeatureMap:
     def of(
         cls,
         plant: Plant,
-        first_stage: FirstStage,
-        beside: Callable[[Array], Array] | None = None,
+        features: Features,
+        of_parameters: Callable[[Array], Array],
         decimate: int = 1,
     ) -> Self:
-        """Standardise over episodes of the ``train`` set; no gains are looked at.
+        """Standardise over episodes of the ``train`` set; gains play no part.
 
         Parameters
         ----------
         plant : Plant
-            Whose episodes.
-        first_stage : FirstStage
-            What compresses them.
-        beside : callable, optional
-            Parameters (B, p) to further features (B, m); by default what is measured.
+            Its episodes are used.
+        features : Features
+            First stage.
+        of_parameters : callable
+            Parameters (B, p) to further features (B, m).
         decimate : int
-            Coefficients depend on the sampling time: episodes are decimated like the ones
-            to come.
+            Coefficients depend on the sampling time: episodes are decimated as the recordings
+            that follow are.
         """
-        seen = recorded(plant, "train", 0, _EPISODES)
-        u, y = (averaged(x, decimate) for x in (seen.u, seen.y))
-        raw = cls(first_stage, np.zeros(1), np.ones(1)).raw
-        values, usable = raw(
-            u, y, plant.Ts * decimate, (beside or plant.measured_features)(seen.theta)
-        )
+        train = recorded(plant, "train", 0, _EPISODES)
+        u, y = (averaged(x, decimate) for x in (train.u, train.y))
+        raw = cls(features, np.zeros(1), np.ones(1)).raw
+        values, usable = raw(u, y, plant.Ts * decimate, of_parameters(train.theta))
         if not usable.any():
             raise ValueError(
-                f"{type(first_stage).__name__} finds no usable features in these episodes. "
-                "Record for longer, with less noise, or use another compressor."
+                f"features = {type(features).__name__} are usable in none of these episodes. "
+                "Record for longer, with less noise, or choose other features."
             )
         values = values[usable]
         scale = values.std(axis=0)
-        return cls(first_stage, values.mean(axis=0), np.where(scale > 0, scale, 1.0))
+        return cls(features, values.mean(axis=0), np.where(scale > 0, scale, 1.0))
 
-    def raw(self, u: Array, y: Array, Ts: float, beside: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def raw(self, u: Array, y: Array, Ts: float, known: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, n) before standardising, and where they are usable.
 
         Parameters
@@ -88,18 +86,18 @@ class FeatureMap:
             Measured outputs.
         Ts : float
             Sampling time [s].
-        beside : (B, m) float64
-            What is known beside the recordings.
+        known : (B, m) float64
+            Features of known parameters.
         """
-        values, usable = self.compressor(u, y, Ts)
-        return np.concatenate([values, beside], axis=1), usable
+        values, usable = self.features(u, y, Ts)
+        return np.concatenate([values, known], axis=1), usable
 
     def __call__(
-        self, u: Array, y: Array, Ts: float, beside: Array
+        self, u: Array, y: Array, Ts: float, known: Array
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Standardised features (B, n) float32; zero where they are not usable."""
-        values, usable = self.raw(u, y, Ts, beside)
-        standard = standardised(values, self.mean, self.scale)
+        values, usable = self.raw(u, y, Ts, known)
+        standard = standardise(values, self.mean, self.scale)
         return np.where(usable[:, None], standard, np.float32(0.0)), usable
 
 
@@ -111,24 +109,24 @@ class ActionMap:
     ----------
     low, high : NDArray
         (m,) coordinates that -1 and 1 stand for.
-    coordinates : Coordinates
+    parametrisation : Parametrisation
         The plant's.
     """
 
     low: Array
     high: Array
-    coordinates: Coordinates
+    parametrisation: Parametrisation
 
     @classmethod
     def of(cls, plant: Plant) -> Self:
-        """All that is within an agent's reach."""
-        return cls(*reach(plant), plant.parametrisation)
+        """All coordinates that an agent may choose."""
+        return cls(*action_bounds(plant), plant.parametrisation)
 
     def gains(self, actions: NDArray[np.floating]) -> Array:
         """(B, m) in [-1, 1], clipped, to (B, k) gains."""
-        return self.coordinates.decode(stretched(actions, self.low, self.high))
+        return self.parametrisation.decode(scale_to_bounds(actions, self.low, self.high))
 
     def actions(self, gains: Array) -> Array:
         """(B, k) gains back to [-1, 1], clipped."""
-        values = self.coordinates.encode(gains)
+        values = self.parametrisation.encode(gains)
         return np.asarray(np.clip(2 * (values - self.low) / (self.high - self.low) - 1, -1, 1))

@@ -1,50 +1,38 @@
-"""Anyone's policy among the tuners.
+"""Other people's policies, evaluated as tuners are.
 
-A policy is given what the environment shows, as one batch, and what it answers is applied
-as the environment applies it, clipped to the action space.  It is not given the truth,
-unless the environment is asked to show it (``visible="context"``).
+A policy gets the observations of a plant's environment in one batch, and its actions are applied
+as the environment applies them, clipped to the action space.  It is not given the truth, unless
+the environment shows it (``visible="context"``).
 
 * `of_factory`: an object with Stable-Baselines3's ``predict``, made by ``module:factory``;
-* `of_sb3`: a model that Stable-Baselines3 saved, trained in ``yawrate/PITuning-v0`` or in
-  ``yawrate/PITuningFeatures-v0``; its spaces say which.
+* `of_sb3`: a model that Stable-Baselines3 saved, trained in the environment itself or on its
+  features and with its unit actions; the model's spaces tell which.
 """
 
 import importlib
-import json
 import os
 import sys
-import zipfile
-from argparse import ArgumentParser
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from tuners.agents.wrappers import Compressed, LoopAction
-from tuners.features import COMPRESSORS
+from tuners.agents.feature_map import FeatureMap
+from tuners.agents.wrappers import FeatureObservation, UnitAction
+from tuners.features import BY_NAME
 from tuners.tuner.recording import Recording
 from yawrate_env import validation
-from yawrate_env.env.interaction import show
-from yawrate_env.env.yaw_rate_env import PITuningEnv
+from yawrate_env.env.tuning_env import TuningEnv
 
 Array = NDArray[Any]
 
 TRUSTED_ONLY = "Stable-Baselines3 files hold pickles, which can run code: load trusted files only."
-
-# What only this algorithm saves, and no earlier one in the table; DDPG is saved as a TD3.
-_MARKS = {
-    "stable_baselines3:PPO": {"clip_range"},
-    "sb3_contrib:TRPO": {"cg_max_steps"},
-    "sb3_contrib:TQC": {"top_quantiles_to_drop_per_net"},
-    "sb3_contrib:CrossQ": {"target_entropy", "policy_delay"},
-    "stable_baselines3:TD3": {"policy_delay"},
-    "stable_baselines3:SAC": {"target_entropy"},
-    "stable_baselines3:A2C": {"gae_lambda"},
-}
 
 # What only training needs: buffers, which for raw recordings would fill the memory, and
 # schedules, which are pickled functions.
@@ -60,44 +48,44 @@ _NOT_LOADED = {
 
 
 class Predictor(Protocol):
-    """What Stable-Baselines3's own tools call a policy."""
+    """A policy, as Stable-Baselines3's own tools call one."""
 
     def predict(
         self, obs: Array, /, *, state: Any, episode_start: Array, deterministic: bool
     ) -> tuple[Any, Any]:
-        """(B, 2) of actions for a batch of B observations, and the state."""
+        """(B, k) of actions for a batch of B observations, and the state."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Player:
-    """A policy in the shape of a tuner.
+    """A policy that acts on recordings, as a tuner does.
 
     Attributes
     ----------
     name : str
         For messages.
     policy : Predictor
-        Who decides.
-    env : PITuningEnv
-        Says what is shown and what is applied; never stepped.
-    see : callable
-        Observations (B, rows, N) to what the policy takes.
+        Chooses actions.
+    env : TuningEnv
+        Its spaces and visible parameters count; it is never stepped.
+    observe : callable
+        Observations (B, rows, N) to those that the policy was trained on.
     gains : callable
-        Actions (B, 2) of the policy to (kp, Ti).
+        The policy's actions (B, k) to gains.
     """
 
     name: str
     policy: Predictor
-    env: PITuningEnv
-    see: Callable[[Array], Array] = np.asarray
+    env: TuningEnv
+    observe: Callable[[Array], Array] = np.asarray
     gains: Callable[[Array], Array] = np.asarray
 
     def act(self, recording: Recording) -> NDArray[np.float64]:
-        """(B, 2) of (kp, Ti) within the environment's bounds."""
-        count = len(recording)
+        """(B, k) gains within the environment's bounds."""
+        count, space = len(recording), self.env.action_space
         answer = self.policy.predict(
-            self.see(observations(recording, self.env)),
+            self.observe(observations(recording, self.env)),
             state=None,
             episode_start=np.ones(count, dtype=np.bool_),
             deterministic=True,
@@ -107,25 +95,27 @@ class Player:
                 f"{self.name}: predict gave {type(answer).__name__}. Return (actions, state)."
             )
         actions = answer[0]
-        if count == 1 and np.shape(actions) == (2,):
+        if count == 1 and np.shape(actions) == space.shape:
             actions = np.asarray(actions)[None]
-        checked = validation.finite_array(f"{self.name}: actions", actions, shape=(count, 2))
-        space = self.env.action_space
+        shape = (count, *space.shape)
+        checked = validation.finite_array(f"{self.name}: actions", actions, shape=shape)
         return np.clip(self.gains(checked), space.low, space.high)
 
 
-def observations(recording: Recording, env: PITuningEnv) -> NDArray[np.float32]:
-    """What `env` shows of recorded episodes, (B, rows, N // decimate) float32."""
-    return show(recording.u, recording.y, recording.context, env.visible, env.decimate)
+def observations(recording: Recording, env: TuningEnv) -> NDArray[np.float32]:
+    """The environment's observations of recorded episodes, (B, rows, samples) float32."""
+    known = recording.known
+    theta = recording.parameters(env.plant) if known is None else known
+    return env.interface.observe(recording.u, recording.y, theta)
 
 
-def of_factory(spec: str, env: PITuningEnv) -> Player:
-    """Call ``package.module:factory`` and play what it gives.
+def of_factory(spec: str, env: TuningEnv) -> Player:
+    """Call ``package.module:factory`` and play the policy that it returns.
 
     Raises
     ------
     ValueError
-        No such module or factory, or what it makes cannot predict.
+        No such module or factory, or the policy cannot predict.
     """
     factory = _imported(spec)
     if not callable(factory):
@@ -139,75 +129,68 @@ def of_factory(spec: str, env: PITuningEnv) -> Player:
     return Player(spec, policy, env)
 
 
-def of_sb3(path: str, env: PITuningEnv, algorithm: str | None = None) -> Player:
+def of_sb3(path: str, env: TuningEnv, algorithm: str) -> Player:
     """Load a model of Stable-Baselines3 and play it.
 
     Parameters
     ----------
     path : str
         Zip file; see `TRUSTED_ONLY`.
-    env : PITuningEnv
+    env : TuningEnv
         With the keyword arguments that the model was trained with.
-    algorithm : str, optional
-        ``module:Class``, where the file does not tell.
+    algorithm : str
+        Its class, ``module:Class``, such as ``stable_baselines3:SAC``.
 
     Raises
     ------
     ValueError
         Not such a file, or trained with other observations or actions than `env` has.
     """
-    spec = algorithm or _algorithm(path)
-    kind = _imported(spec)
+    if not Path(path).is_file():
+        raise ValueError(f"sb3 = {path}: there is no such file. Check the name; it ends in .zip.")
+    kind = _imported(algorithm)
     try:
         model = kind.load(path, device="cpu", custom_objects=_NOT_LOADED)
     except Exception as error:  # pickles and foreign classes raise anything
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise ValueError(
-            f"{path} cannot be loaded with {spec}: {reason}. Save it again with this machine's "
-            "versions, or name its class with --algo."
+            f"sb3 = {path} cannot be loaded with {algorithm}: {reason}. Give the class that wrote "
+            "it (--algo); a .tuner file goes with --tuner."
         ) from error
-    see = _sight(path, model.observation_space, env)
-    return Player(path, model, env, see, _reach(path, model.action_space, env))
-
-
-def add_arguments(parser: ArgumentParser) -> None:
-    """Let a script take policies."""
-    parser.add_argument(
-        "--policy", action="append", default=[], metavar="MODULE:FACTORY",
-        help="your own: factory() returns an object whose predict(obs, state, episode_start,\n"
-        "deterministic) gives (actions, state), actions being (kp, Ti); may be repeated",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sb3", action="append", default=[], metavar="ZIP",
-        help="a Stable-Baselines3 model trained here, with the same --env-kwargs; trusted files\n"
-        "only, since they hold pickles; may be repeated",
-    )  # fmt: skip
-    parser.add_argument(
-        "--algo", metavar="MODULE:CLASS",
-        help="class of the --sb3 models where the file does not tell, such as\n"
-        "stable_baselines3:SAC",
-    )  # fmt: skip
+    observe = _observer(path, model.observation_space, env)
+    return Player(path, model, env, observe, _actions(path, model.action_space, env))
 
 
 def chosen(
-    factories: Sequence[str], models: Sequence[str], algorithm: str | None, env: PITuningEnv
+    factories: Sequence[str], models: Sequence[str], algorithm: str | None, env: TuningEnv
 ) -> dict[str, Player]:
-    """Name to player of what the arguments name.
+    """Players by name.
 
     Parameters
     ----------
-    env : PITuningEnv
-        What they answer.
+    factories : list of str
+        As for `of_factory`.
+    models : list of str
+        Stable-Baselines3's zip files.
+    algorithm : str, optional
+        Class of the models; needed for any.
+    env : TuningEnv
+        Whose observations they get.
     """
-    if models:
+    players = {spec: of_factory(spec, env) for spec in factories}
+    if models and algorithm is None:
+        raise ValueError(
+            "algo is missing: name the class of the --sb3 models, such as "
+            "--algo stable_baselines3:SAC."
+        )
+    if models and algorithm is not None:
         print(TRUSTED_ONLY, file=sys.stderr)
-    return {spec: of_factory(spec, env) for spec in factories} | {
-        path: of_sb3(path, env, algorithm) for path in models
-    }
+        players |= {path: of_sb3(path, env, algorithm) for path in models}
+    return players
 
 
 def _imported(spec: str) -> Any:
-    """What ``package.module:name`` names; modules are looked for where the user is, too."""
+    """The object ``package.module:name``; modules in the working folder are found too."""
     module, _, name = spec.partition(":")
     if not module or not name:
         raise ValueError(f"{spec!r} is not of the form package.module:name, such as my.agent:make.")
@@ -224,51 +207,39 @@ def _imported(spec: str) -> Any:
     return getattr(found, name)
 
 
-def _algorithm(path: str) -> str:
-    """Class of a saved model, from the names of what it saved; nothing is unpickled."""
-    try:
-        with zipfile.ZipFile(path) as file:
-            saved = json.loads(file.read("data")).keys()
-    except FileNotFoundError:
-        raise ValueError(f"There is no file {path}. Check the name; it ends in .zip.") from None
-    except (zipfile.BadZipFile, KeyError, ValueError, AttributeError):
-        raise ValueError(
-            f"{path} is not a Stable-Baselines3 model. Give what model.save() wrote; a .tuner "
-            "file goes with --tuner."
-        ) from None
-    for spec, marks in _MARKS.items():
-        if marks <= saved:
-            return spec
-    raise ValueError(
-        f"{path} does not tell its algorithm. Name its class, such as --algo stable_baselines3:SAC."
-    )
-
-
-def _sight(path: str, space: Any, env: PITuningEnv) -> Callable[[Array], Array]:
-    """Observations to what a model with this observation space takes."""
+def _observer(path: str, space: Any, env: TuningEnv) -> Callable[[Array], Array]:
+    """Observations to those of a model with this observation space."""
     if space.shape == env.observation_space.shape:
         return np.asarray
     if isinstance(space, Box) and len(space.shape) == 1:
-        for name in COMPRESSORS:
+        for name in BY_NAME:
             with suppress(ValueError):  # the episodes are too short for this one
-                wrapper = Compressed(env, name)
+                wrapper = FeatureObservation(env, name)
                 if wrapper.observation_space.shape == space.shape:
-                    return wrapper.observation
+                    return partial(_features, wrapper.map, env)
     raise ValueError(
-        f"{path} takes observations of shape {space.shape}, here they are "
-        f"{env.observation_space.shape}, or features of yawrate/PITuningFeatures-v0. Give the "
-        "--env-kwargs that it was trained with (N, decimate, visible)."
+        f"sb3 = {path} takes observations of shape {space.shape}, here they are "
+        f"{env.observation_space.shape}, or their features. Give the --env-kwargs that it was "
+        "trained with (N, decimate, visible)."
     )
 
 
-def _reach(path: str, space: Any, env: PITuningEnv) -> Callable[[Array], Array]:
-    """Actions within a space to (kp, Ti)."""
-    loop = LoopAction(env)
-    if space == loop.action_space:
-        return loop.map.gains
+def _features(features: FeatureMap, env: TuningEnv, obs: Array) -> Array:
+    """Features (B, n) of observations (B, rows, N)."""
+    interface = env.interface
+    u, y, theta = interface.recordings(obs)
+    values, _ = features(u, y, interface.Ts, interface.features_of(theta))
+    return values
+
+
+def _actions(path: str, space: Any, env: TuningEnv) -> Callable[[Array], Array]:
+    """Actions within a space to gains."""
+    unit = UnitAction(env)
+    if space == unit.action_space:
+        return unit.map.gains
     if space == env.action_space:
         return np.asarray
     raise ValueError(
-        f"{path} acts in {space}. Train it in yawrate/PITuning-v0, {env.action_space}, or in "
-        f"yawrate/PITuningFeatures-v0, {loop.action_space}."
+        f"sb3 = {path} acts in {space}. Train it in this environment, {env.action_space}, or with "
+        f"unit actions, {unit.action_space}."
     )

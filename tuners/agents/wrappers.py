@@ -1,9 +1,9 @@
-"""Wrappers that make `yawrate/PITuning-v0` and `yawrate/Plant-v0` ready to train on.
+"""Wrappers that make the environments of `yawrate_env` ready to train on.
 
-`Compressed` shows standardised features instead of the recording; `LoopAction` takes
-actions in [-1, 1] and maps them to a vehicle's loop coordinates, or to a plant's own.  The
-vector forms do the same to a batch, final observations included.
-``yawrate/PITuningFeatures-v0`` and ``yawrate/PlantFeatures-v0`` have both.
+`FeatureObservation` gives standardised features instead of the recording; `UnitAction` takes
+actions in [-1, 1] and maps them to the plant's coordinates and on to gains.  The vector forms
+do the same to a batch, final observations included.  ``yawrate/PITuningFeatures-v0`` and
+``yawrate/PlantFeatures-v0`` have both.
 """
 
 from typing import Any
@@ -16,74 +16,60 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from tuners.agents.feature_map import ActionMap, FeatureMap
-from tuners.agents.sight import sight
+from tuners.features import Features, features_named
 from tuners.learners.actor import LIMIT
+from tuners.tuner.training import features_by_name
 from yawrate_env import ENV_ID, PLANT_ID, validation
-from yawrate_env.env.nonlinear_env import PITuningNonlinearEnv, PITuningNonlinearVectorEnv
-from yawrate_env.env.plant_env import PlantEnv, PlantVectorEnv
-from yawrate_env.env.vector_env import PITuningVectorEnv
-from yawrate_env.env.yaw_rate_env import PITuningEnv
+from yawrate_env.env.interface import Interface
+from yawrate_env.env.tuning_env import TuningEnv, plant_env
+from yawrate_env.env.vector_env import TuningVectorEnv, plant_vector_env
+from yawrate_env.env.yaw_rate_env import (
+    PITuningEnv,
+    PITuningNonlinearEnv,
+    PITuningNonlinearVectorEnv,
+    PITuningVectorEnv,
+)
 from yawrate_env.plant.plant import Plant
 
-SCALAR = PITuningEnv, PlantEnv
-VECTOR = PITuningVectorEnv, PlantVectorEnv
 
-
-class _ObservationFeatures:
-    """What both observation wrappers do."""
-
-    def __init__(self, env: Any, name: str, settings: dict[str, Any]) -> None:
-        self.read = see = sight(env.unwrapped)
-        first_stage = see.compressor(name, **settings)
-        self.map = FeatureMap.of(see.plant, first_stage, see.beside, see.decimate)
-        n = len(self.map.mean)
-        self.space = Box(-LIMIT, LIMIT, (n,), dtype=np.float32)
-
-    def __call__(self, obs: NDArray[np.float32]) -> NDArray[np.float32]:
-        seen, single = self.read(obs)
-        features, _ = self.map(*seen)
-        return features[0] if single else features
-
-
-class Compressed(gymnasium.ObservationWrapper, gymnasium.utils.RecordConstructorArgs):
-    """Show standardised features of the recording.
+class FeatureObservation(gymnasium.ObservationWrapper, gymnasium.utils.RecordConstructorArgs):
+    """Observe standardised features of the recording.
 
     Parameters
     ----------
     env : gymnasium.Env
         ``yawrate/PITuning-v0`` or ``yawrate/Plant-v0``.
-    compressor : {"laguerre", "armax", "response"}
+    features : {"laguerre", "armax", "response"}
         First stage; a plant's Laguerre functions are those of its default recipe.
     **settings
-        The compressor's own, such as ``order=8``.
+        The first stage's own, such as ``order=8``.
     """
 
     def __init__(
-        self, env: gymnasium.Env[Any, Any], compressor: str = "laguerre", **settings: Any
+        self, env: gymnasium.Env[Any, Any], features: str = "laguerre", **settings: Any
     ) -> None:
-        _require(env, SCALAR, "observation_space")
-        gymnasium.utils.RecordConstructorArgs.__init__(self, compressor=compressor, **settings)
+        self._interface = _interface(env, TuningEnv, "observation_space")
+        gymnasium.utils.RecordConstructorArgs.__init__(self, features=features, **settings)
         gymnasium.ObservationWrapper.__init__(self, env)
-        self._features = _ObservationFeatures(env, compressor, settings)
-        self.map = self._features.map
-        self.observation_space = self._features.space
+        self.map = _feature_map(self._interface, features, settings)
+        self.observation_space = _feature_box(self.map)
 
     def observation(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Compress one recording."""
-        return self._features(observation)
+        """Features of one recording."""
+        return np.asarray(_observed(self._interface, self.map, observation[None])[0])
 
 
-class LoopAction(gymnasium.ActionWrapper, gymnasium.utils.RecordConstructorArgs):
+class UnitAction(gymnasium.ActionWrapper, gymnasium.utils.RecordConstructorArgs):
     """Take actions in [-1, 1]: the coordinates of a plant's controller.
 
-    Those of a vehicle's are its log magnitude and phase at the crossover.
+    A vehicle's are the log magnitude and the phase at the crossover.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
-        _require(env, SCALAR, "action_space")
+        interface = _interface(env, TuningEnv, "action_space")
         gymnasium.utils.RecordConstructorArgs.__init__(self)
         gymnasium.ActionWrapper.__init__(self, env)
-        self.map = ActionMap.of(sight(env.unwrapped).plant)
+        self.map = ActionMap.of(interface.plant)
         self.action_space = _unit_box(self.map)
 
     def action(self, action: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -92,43 +78,42 @@ class LoopAction(gymnasium.ActionWrapper, gymnasium.utils.RecordConstructorArgs)
         return np.asarray(self.map.gains(given[None])[0])
 
 
-class CompressedVector(VectorWrapper[Any, Any, Any, Any, Any]):
-    """`Compressed` for the native batch environment."""
+class FeatureVectorObservation(VectorWrapper[Any, Any, Any, Any, Any]):
+    """`FeatureObservation` for the native batch environment."""
 
     def __init__(
-        self, env: VectorEnv[Any, Any, Any], compressor: str = "laguerre", **settings: Any
+        self, env: VectorEnv[Any, Any, Any], features: str = "laguerre", **settings: Any
     ) -> None:
-        _require(env, VECTOR, "single_observation_space")
+        self._interface = _interface(env, TuningVectorEnv, "single_observation_space")
         super().__init__(env)
-        self._features = _ObservationFeatures(env, compressor, settings)
-        self.map = self._features.map
-        self.single_observation_space = self._features.space
-        self.observation_space = batch_space(self._features.space, env.num_envs)
-        self._shown: NDArray[np.float32] | None = None
+        self.map = _feature_map(self._interface, features, settings)
+        self.single_observation_space = _feature_box(self.map)
+        self.observation_space = batch_space(self.single_observation_space, env.num_envs)
+        self._features: NDArray[np.float32] | None = None
 
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        """Reset and compress."""
+        """Reset; features of the recordings."""
         obs, info = self.env.reset(seed=seed, options=options)
-        self._shown = self._features(obs)
-        return self._shown.copy(), info
+        self._features = _observed(self._interface, self.map, obs)
+        return self._features.copy(), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step and compress; an episode's last observation is the one it began with."""
+        """Step; an episode's last observation is the one it began with."""
         obs, reward, terminated, truncated, info = self.env.step(actions)
-        assert self._shown is not None
+        assert self._features is not None
         final = np.empty(self.num_envs, dtype=object)
-        final[:] = list(self._shown)
-        self._shown = self._features(obs)
-        return self._shown.copy(), reward, terminated, truncated, {**info, "final_obs": final}
+        final[:] = list(self._features)
+        self._features = _observed(self._interface, self.map, obs)
+        return self._features.copy(), reward, terminated, truncated, {**info, "final_obs": final}
 
 
-class LoopActionVector(VectorWrapper[Any, Any, Any, Any, Any]):
-    """`LoopAction` for the native batch environment."""
+class UnitVectorAction(VectorWrapper[Any, Any, Any, Any, Any]):
+    """`UnitAction` for the native batch environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
-        _require(env, VECTOR, "single_action_space")
+        interface = _interface(env, TuningVectorEnv, "single_action_space")
         super().__init__(env)
-        self.map = ActionMap.of(sight(env.unwrapped).plant)
+        self.map = ActionMap.of(interface.plant)
         self.single_action_space = _unit_box(self.map)
         self.action_space = batch_space(self.single_action_space, env.num_envs)
 
@@ -140,53 +125,80 @@ class LoopActionVector(VectorWrapper[Any, Any, Any, Any, Any]):
 
 
 def base_env(*, nonlinear: bool = False, **kwargs: Any) -> PITuningEnv:
-    """The environment itself, or with `nonlinear` the one on saturating tyres."""
+    """The vehicle's environment, or with `nonlinear` the one on saturating tyres."""
     return (PITuningNonlinearEnv if nonlinear else PITuningEnv)(**kwargs)
 
 
-def features_env(compressor: str = "laguerre", **kwargs: Any) -> gymnasium.Env[Any, Any]:
+def features_env(features: str = "laguerre", **kwargs: Any) -> gymnasium.Env[Any, Any]:
     """Entry point of ``yawrate/PITuningFeatures-v0``; further arguments are `base_env`'s."""
-    return LoopAction(Compressed(base_env(**kwargs), compressor))
+    return UnitAction(FeatureObservation(base_env(**kwargs), features))
 
 
 def features_vector_env(
-    num_envs: int = 1, compressor: str = "laguerre", *, nonlinear: bool = False, **kwargs: Any
+    num_envs: int = 1, features: str = "laguerre", *, nonlinear: bool = False, **kwargs: Any
 ) -> VectorEnv[Any, Any, Any]:
     """Build the batch form of `features_env`."""
     batch = (PITuningNonlinearVectorEnv if nonlinear else PITuningVectorEnv)(num_envs, **kwargs)
-    return LoopActionVector(CompressedVector(batch, compressor))
+    return UnitVectorAction(FeatureVectorObservation(batch, features))
 
 
-def plant_features_env(plant: str | Plant, compressor: str = "laguerre") -> gymnasium.Env[Any, Any]:
+def plant_features_env(plant: str | Plant, features: str = "laguerre") -> gymnasium.Env[Any, Any]:
     """Entry point of ``yawrate/PlantFeatures-v0``.
 
     Parameters
     ----------
     plant : str or Plant
-        As for `yawrate_env.env.plant_env.PlantEnv`.
-    compressor : str
-        As for `Compressed`.
+        As for `yawrate_env.env.tuning_env.plant_env`.
+    features : str
+        As for `FeatureObservation`.
     """
-    return LoopAction(Compressed(PlantEnv(plant), compressor))
+    return UnitAction(FeatureObservation(plant_env(plant), features))
 
 
 def plant_features_vector_env(
-    num_envs: int = 1, *, plant: str | Plant, compressor: str = "laguerre"
+    num_envs: int = 1, *, plant: str | Plant, features: str = "laguerre"
 ) -> VectorEnv[Any, Any, Any]:
     """Build the batch form of `plant_features_env`."""
-    return LoopActionVector(CompressedVector(PlantVectorEnv(num_envs, plant=plant), compressor))
+    batch = plant_vector_env(num_envs, plant=plant)
+    return UnitVectorAction(FeatureVectorObservation(batch, features))
+
+
+def _interface(env: Any, kind: type[TuningEnv | TuningVectorEnv], space: str) -> Interface:
+    """That of an environment whose `space` no other wrapper has changed."""
+    base = getattr(env, "unwrapped", env)
+    form = "gymnasium.make" if kind is TuningEnv else "gymnasium.make_vec"
+    remedy = f'Wrap what {form}("{ENV_ID}") or {form}("{PLANT_ID}", plant=...) gives.'
+    if not isinstance(base, kind):
+        raise ValueError(f"env = {type(base).__name__} cannot be wrapped here. {remedy}")
+    if getattr(env, space) != getattr(base, space):
+        raise ValueError(f"env: another wrapper has changed the {space} already. {remedy}")
+    return base.interface
+
+
+def _feature_map(interface: Interface, name: str, settings: dict[str, Any]) -> FeatureMap:
+    first_stage = _first_stage(interface, name, settings)
+    return FeatureMap.of(interface.plant, first_stage, interface.features_of, interface.decimate)
+
+
+def _first_stage(interface: Interface, name: str, settings: dict[str, Any]) -> Features:
+    if name == "laguerre" and interface.basis is not None:
+        order, pole = interface.basis
+        return features_named(name, **{"order": order, "pole": pole} | settings)
+    return features_by_name(interface.plant, name, **settings)
+
+
+def _observed(
+    interface: Interface, features: FeatureMap, obs: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Features (B, n) of observations (B, rows, N)."""
+    u, y, theta = interface.recordings(obs)
+    values, _ = features(u, y, interface.Ts, interface.features_of(theta))
+    return values
+
+
+def _feature_box(features: FeatureMap) -> Box:
+    return Box(-LIMIT, LIMIT, features.mean.shape, dtype=np.float32)
 
 
 def _unit_box(actions: ActionMap) -> Box:
     return Box(-1.0, 1.0, actions.low.shape, dtype=np.float32)
-
-
-def _require(env: Any, kinds: tuple[type, ...], space: str) -> None:
-    """Refuse what is not the environment, and a `space` that is not the environment's own."""
-    base = getattr(env, "unwrapped", env)
-    form = "gymnasium.make" if kinds is SCALAR else "gymnasium.make_vec"
-    remedy = f'Wrap what {form}("{ENV_ID}") or {form}("{PLANT_ID}", plant=...) gives.'
-    if not isinstance(base, kinds):
-        raise ValueError(f"{type(base).__name__} cannot be wrapped here. {remedy}")
-    if getattr(env, space) != getattr(base, space):
-        raise ValueError(f"Another wrapper has changed the {space} already. {remedy}")

@@ -1,4 +1,4 @@
-"""``yawrate``: from a log file to gains.  One module a command, imported when it is called."""
+"""The ``yawrate`` command.  One module a command, imported when it is called."""
 
 import sys
 from importlib import import_module
@@ -10,13 +10,13 @@ except ImportError:
     sys.exit('error: the yawrate command needs click: pip install "yawrate[tune]"')
 
 import yawrate_env
-from tuners.cli.example import example
+from tuners.cli.arguments import example
 
 COMMANDS = ("tune", "train", "excite", "export", "init", "dataset", "completion")
 
 
 class Commands(click.Group):
-    """The commands, and one place where an error becomes one line and an exit status."""
+    """The commands; turns every error into one line and an exit status."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """In the order of use."""
@@ -30,7 +30,7 @@ class Commands(click.Group):
         return command
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
-        """Run, say what went wrong in one line, and exit: 1 unusable input, 2 wrong usage."""
+        """Run and exit; errors are one line, and status 1 for unusable input, 2 for wrong usage."""
         kwargs["standalone_mode"] = False
         try:
             sys.exit(super().main(*args, **kwargs) or 0)
@@ -61,4 +61,4 @@ def _end(message: str, status: int) -> None:
 )
 @click.version_option(yawrate_env.__version__, prog_name="yawrate")
 def main() -> None:
-    """Tune a yaw-rate controller from one recording of steering and yaw rate."""
+    """Tune a controller from one recording of a plant's input and output."""

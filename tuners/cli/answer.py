@@ -1,97 +1,95 @@
-"""A tuning result in words for people, and as one JSON object for machines."""
+"""A tuning result as one JSON object."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from tuners.cli.text import between, instead
-from tuners.export.forms import Forms
+from tuners.cli.text import forms_of, gain_units
+from tuners.export.gains import plant_settings
 from tuners.logs import Log
-from tuners.tuner.result import TuningResult
-from yawrate_env.vehicle.task import Task
+from tuners.tuner.result import Result
+from yawrate_env.plant.names import split
+from yawrate_env.plant.plant import Plant
 
 
-def as_json(result: TuningResult, log: Log, task: Task, tuner: str) -> dict[str, Any]:
-    """Everything about an answer, in plain JSON values; ``null`` where there is no number."""
-    fit = result.fit
-    answer = {
-        "kp": result.kp,
-        "Ti": result.Ti,
+def as_json(result: Result, log: Log, tuner: str) -> dict[str, Any]:
+    """Everything about a result as plain JSON values; ``null`` where there is no number.
+
+    Gains and metrics also stand by name beside the other keys, as measured parameters do in
+    ``log`` and estimated ones in ``fit``; those keys go first where a name is one of them.
+    """
+    plant, forms = result.plant, forms_of(result)
+    gains = _bare(result.gains)
+    metrics = _bare({name: asdict(interval) for name, interval in result.intervals.items()})
+    settings = plant_settings(plant)
+    answer: dict[str, Any] = _plain({
+        **gains,
+        **metrics,
+        "gains": gains,
+        "metrics": metrics,
         "trusted": result.trusted,
         "reasons": result.reasons,
-        "notes": (*log.notes, *result.notes),
-        "phase_margin": asdict(result.phase_margin),
-        "crossover": asdict(result.crossover),
+        "notes": result.notes,
         "status": result.status.name.lower(),
         "converged": result.converged,
-        "fallback": dict(zip(("kp", "Ti"), result.fallback, strict=True)),
+        "fallback": _bare(result.fallback),
+        "parameters": _bare(result.fit.parameters),
+        "deviations": _bare(result.fit.deviations),
+        "units": _units(plant),
         "checks": [asdict(check) | {"passed": check.passed} for check in result.checks],
-        "forms": asdict(Forms.of(result.kp, result.Ti, task.target)),
-        "target": asdict(task.target),
+        "forms": None if forms is None else asdict(forms),
+        "target": settings["target"],
         "tuner": tuner,
-        "log": {
-            "file": log.source,
-            "start": log.t0,
-            "samples": len(log.steer),
-            "Ts": log.Ts,
-            "speed": float(log.speed.mean()),
-            "excitation": asdict(log.excitation),
-        },
-        "fit": None
-        if fit is None
-        else {
-            "mu_s": fit.context.mu_s[0],
-            "M_delta": fit.context.M_delta[0],
-            "offset": fit.offset,
-            "initial": fit.initial,
-            "from_rest": fit.from_rest,
-            "snr_db": fit.snr_db,
-        },
+        "plant": {"entry": plant.entry, **settings},
+        "log": _log(log, plant),
+        "fit": _fit(result),
+    })  # fmt: skip
+    return answer
+
+
+def _log(log: Log, plant: Plant) -> dict[str, Any]:
+    return {
+        **_bare({plant.label(name): float(v.mean()) for name, v in log.measured.items()}),
+        "file": log.source,
+        "start": log.t0,
+        "samples": len(log.u),
+        "Ts": log.Ts,
+        "excitation": asdict(log.excitation),
     }
-    values: dict[str, Any] = plain(answer)
-    return values
 
 
-def as_text(result: TuningResult, log: Log, task: Task) -> str:
-    """A few aligned lines."""
-    forms = Forms.of(result.kp, result.Ti, task.target)
-    gains = [("kp", f"{result.kp:.4g} s"), ("Ti", f"{result.Ti:.4g} s")]
-    if result.trusted:
-        gains += [
-            ("phase margin", between(result.phase_margin, " deg")),
-            ("crossover", between(result.crossover, " Hz")),
-            ("every", f"{1e3 * forms.Ts:g} ms: {forms.equation}"),
-        ]
-    shown = [f"  {name:<14}{value}" for name, value in gains]
-    lines = [described(log), ""]
-    if result.trusted:
-        lines += [*shown, "", "Trusted: every check passed."]
-    else:
-        lines += ["NOT TRUSTED", *(f"  - {reason}" for reason in result.reasons), "", *shown, ""]
-        lines.append(instead(result.fallback))
-    notes = (*log.notes, *result.notes)
-    if notes:
-        lines += ["", "Notes", *(f"  - {note}" for note in notes)]
-    return "\n".join(lines)
+def _fit(result: Result) -> dict[str, Any]:
+    fit = result.fit
+    return {
+        **_bare({name: fit.parameters[name] for name in fit.deviations}),
+        "offset": fit.offset,
+        "initial": fit.initial,
+        "from_rest": fit.from_rest,
+        "snr_db": fit.snr_db,
+    }
 
 
-def described(log: Log) -> str:
-    """One line about a log."""
-    e = log.excitation
-    return (
-        f"{log.source}: {log.t0:.2f} to {log.t0 + e.duration:.2f} s at {log.speed.mean():.1f} m/s, "
-        f"steering ±{np.degrees(e.amplitude):.2g} deg"
-    )
+def _units(plant: Plant) -> dict[str, str]:
+    """Units by name; empty for numbers and where they are not known."""
+    parameters = {name: split(plant.label(name))[1] for name in plant.prior}
+    metrics = {name: split(name)[1] for name in plant.counted}
+    return _bare(gain_units(plant) | metrics | parameters)
 
 
-def plain(value: Any) -> Any:
-    """Tuples, NumPy's numbers and those that are not finite, as JSON knows them."""
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
+def _bare(values: Mapping[str, Any]) -> dict[str, Any]:
+    """By names without their units."""
+    return {split(name)[0]: value for name, value in values.items()}
+
+
+def _plain(value: Any) -> Any:
+    """Tuples as lists, NumPy's numbers as Python's, ``null`` for those that are not finite."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -3,7 +3,7 @@
 import click
 from click.shell_completion import get_completion_class
 
-from tuners.cli.example import example
+from tuners.cli.arguments import example
 
 
 @click.command(epilog=example("yawrate completion bash > ~/.yawrate-completion"))

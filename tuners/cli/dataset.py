@@ -1,21 +1,13 @@
 """``yawrate dataset``."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from tuners import features as compressors
-from tuners.cli.example import example
-from tuners.cli.files import READABLE
-from tuners.cli.numbers import COUNT
-from yawrate_env.vehicle import vehicle_file
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.task import Task
-
-if TYPE_CHECKING:
-    from tuners.features import FirstStage
-    from tuners.plants import Plant
+from tuners import features
+from tuners.cli.arguments import COUNT, SEED, example, vehicle_option
+from tuners.cli.sources import plant_from
+from yawrate_env.plant.episodes import SETS
 
 SAMPLE = 100
 
@@ -25,41 +17,36 @@ SAMPLE = 100
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     required=True,
-    help="Folder to write, or to go on with.",
+    help="Folder to write or to continue.",
 )
-@click.option("--episodes", type=COUNT, help="How many; 1e6 is a million.")
+@click.option("--episodes", type=COUNT, help="Number of episodes; 1e6 is a million.")
 @click.option(
+    "--set",
     "--context",
-    type=click.Choice(list(CONTEXT_SETS)),
+    "name",
+    type=click.Choice(list(SETS)),
     default="train",
     show_default=True,
-    help="Family of episodes.",
+    help="Set of episodes.",
 )
 @click.option(
+    "--features",
     "--compressor",
-    type=click.Choice(compressors.BY_NAME),
+    "stage",
+    type=click.Choice(features.BY_NAME),
     default="laguerre",
     show_default=True,
-    help="What the features are; laguerre's pole is one that suits a plant, response is what "
-    "`yawrate train` takes by itself, for vehicles only.",
+    help="First stage that makes the features.",
 )
-@click.option(
-    "--vehicle", type=READABLE, help="A vehicle's TOML file, or a plant's. [default: the paper's]"
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Of the random episodes.",
-)
+@vehicle_option
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the episodes.")
 @click.option("--shard-size", type=COUNT, help="Episodes in a file. [default: 4096, raw 512]")
 @click.option("--raw", is_flag=True, help="Keep the recordings too.")
 @click.option("--workers", type=COUNT, help="Processes. [default: one a core]")
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="A Dask scheduler's address, or local for a cluster of --workers.",
+    help="Address of a Dask scheduler, or local for a cluster of --workers.",
 )
 @click.option(
     "--verify",
@@ -67,46 +54,34 @@ SAMPLE = 100
     help=f"Read every byte of a finished folder, and simulate {SAMPLE} episodes again.",
 )
 def command(
-    out: Path, episodes: int | None, context: str, compressor: str, vehicle: Path | None,
-    seed: int, shard_size: int | None, raw: bool, workers: int | None, scheduler: str | None,
-    verify: bool,
+    out: Path, episodes: int | None, name: str, stage: str, vehicle: Path | None, seed: int,
+    shard_size: int | None, raw: bool, workers: int | None, scheduler: str | None, verify: bool,
 ) -> None:  # fmt: skip
     """Simulate a data set of episodes, on this machine's cores or on a cluster.
 
-    An interrupted run is called again and goes on where it was.  A folder that holds
-    fewer episodes grows to what is asked for; one that holds more is refused.
+    Call an interrupted run again to continue it.  A folder that holds fewer episodes than
+    asked for grows; one that holds more is refused.
 
-    A plant's module is found beside its TOML file, beside the folder, where the command
-    runs, and by PYTHONPATH.
+    A plant's module is found beside its TOML file, beside the folder, in the working
+    folder, and by PYTHONPATH.
     """
-    from tuners import data
-    from tuners.cli.progress import Bars
-    from yawrate_env.plant.entry import from_toml
-
     if verify and not out.is_dir():
         raise click.UsageError(f"{out} is not a folder.")
     if not verify and episodes is None:
-        raise click.UsageError("Say how many: --episodes.")
-    plant = None if vehicle is None else from_toml(vehicle)
+        raise click.UsageError("--episodes is missing.")
+    from tuners import data
+    from tuners.cli.progress import Bars
+    from tuners.tuner.training import features_by_name
+
     with Bars() as bars:
         if verify:
+            plant = None if vehicle is None else plant_from(vehicle)
             found = data.verify(out, sample=SAMPLE, plant=plant, progress=bars)
         else:
-            what = plant or (Task() if vehicle is None else vehicle_file.read(vehicle))
+            plant = plant_from(vehicle)
             found = data.generate(
-                what, CONTEXT_SETS[context], _stage(plant, compressor), episodes or 0, seed,
-                out, shard_size=shard_size, workers=workers, scheduler=scheduler, raw=raw,
+                plant, name, features_by_name(plant, stage), episodes or 0, seed, out,
+                shard_size=shard_size, workers=workers, scheduler=scheduler, raw=raw,
                 progress=bars,
             )  # fmt: skip
     click.echo(f"{out}: {len(found)} episodes{', intact' if verify else ''}")
-
-
-def _stage(plant: "Plant | None", name: str) -> "FirstStage":
-    """A compressor by name, set for vehicles or to suit a plant."""
-    from tuners.tuner.training import compressor_named
-
-    if plant is None:
-        return compressors.compressor(name)
-    if name == "response":
-        raise click.UsageError("The frequencies of --compressor response are a vehicle's.")
-    return compressor_named(plant, name)

@@ -5,27 +5,30 @@ from typing import Any
 
 import click
 
-from tuners.cli import plant
-from tuners.cli.example import example
-from tuners.cli.files import READABLE, Output, keep
-from tuners.cli.numbers import NUMBER, POSITIVE
-from tuners.cli.tuner_option import loaded
+from tuners.cli.arguments import (
+    NUMBER,
+    POSITIVE,
+    READABLE,
+    Output,
+    example,
+    keep,
+    vehicle_option,
+)
+from tuners.cli.sources import load_tuner, plant_from
 from tuners.export import TARGETS, Gains, export
 
 
 @click.command(epilog=example("yawrate export --kp 0.42 --Ti 0.31 --target c --out yaw_pi"))
-@click.option("--kp", type=POSITIVE, help="Proportional gain [s].")
+@click.option("--kp", type=POSITIVE, help="Proportional gain.")
 @click.option("--Ti", "ti", type=POSITIVE, help="Integral time [s].")
-@click.option(
-    "--result",
-    type=READABLE,
-    help="Gains in an answer of `yawrate tune --json`, a vehicle's or a plant's.",
-)
+@vehicle_option
+@click.option("--result", type=READABLE, help="Take the gains from `yawrate tune --json`.")
 @click.option(
     "--tuner",
     metavar="NAME|FILE",
-    help="A tuner instead of gains, for onnx and c, from recordings to gains. With Laguerre "
-    "features only: a plant's usual one, ts-ff-lag, ts-ff-lag-vx, and for onnx ts-gbm-lag.",
+    help="A tuner instead of gains, for targets onnx and c, from recordings to gains; with "
+    "Laguerre features only, as trained by default, ts-ff-lag, ts-ff-lag-vx, and for onnx "
+    "ts-gbm-lag.",
 )
 @click.option(
     "--features",
@@ -36,14 +39,13 @@ from tuners.export import TARGETS, Gains, export
     "--Ts",
     "ts",
     type=POSITIVE,
-    help="Sampling time of the controller [s]. [default: the result's, or 0.01]",
+    help="Sampling time of the controller [s]. [default: the plant's or the result's]",
 )
 @click.option(
     "--limits",
     type=(NUMBER, NUMBER),
     metavar="LOW HIGH",
-    help="Least and largest command [rad], or in the plant's unit. [default: 30 deg to both sides; "
-    "none for a plant]",
+    help="Least and largest command, in the plant's unit. [default: the plant's, if any]",
 )
 @click.option(
     "--target",
@@ -60,12 +62,14 @@ from tuners.export import TARGETS, Gains, export
     help="File to write; a folder for c.",
 )
 def command(
-    kp: float | None, ti: float | None, result: Path | None, tuner: str | None, features: bool,
-    ts: float | None, limits: tuple[float, float] | None, target: str, out: Path,
+    kp: float | None, ti: float | None, vehicle: Path | None, result: Path | None,
+    tuner: str | None, features: bool, ts: float | None, limits: tuple[float, float] | None,
+    target: str, out: Path,
 ) -> None:  # fmt: skip
-    """Write a controller, or a tuner, for the vehicle's computer, or any plant's.
+    """Write a controller, or a tuner, for another program.
 
-    A controller in C or MATLAB is a PI: of other gains there is JSON.
+    Controllers in C or MATLAB are PI controllers; other gains go to JSON.  Gains --kp and
+    --Ti are those of --vehicle.
     """
     given = (kp, ti) != (None, None), result is not None, tuner is not None
     if tuner is None and target == "onnx":
@@ -74,19 +78,23 @@ def command(
         raise click.UsageError("Give --kp and --Ti, or a --result, or a --tuner, not both.")
     if not any(given) or (given[0] and None in (kp, ti)):
         raise click.UsageError("Give --kp and --Ti, or a --result, or a --tuner.")
+    if vehicle is not None and not given[0]:
+        raise click.UsageError("--vehicle is for --kp and --Ti: leave it out.")
     if features and tuner is None:
         raise click.UsageError("--features is for a tuner: give --tuner.")
     if tuner is not None and (ts, limits) != (None, None):
         raise click.UsageError("--Ts and --limits are a controller's: give gains, not --tuner.")
     if out.exists() and out.is_dir() != (target == "c"):
         raise click.UsageError(f"{out} exists. Target c writes a folder, any other a file.")
-    keep(out, tuner, result)
-    source: Any = kp, ti
-    if result is not None:
+    keep(out, tuner, result, vehicle)
+    source: Any
+    if tuner is not None:
+        source = load_tuner(tuner)
+    elif result is not None:
         source = Gains.read(result)
-    elif tuner is not None:
-        source = plant.loaded(tuner) if plant.is_plants(tuner) else loaded(tuner)
+    else:
+        source = Gains.of((kp, ti), plant_from(vehicle))
     for path in export(source, target, out, Ts=ts, limits=limits, features=features):
         click.echo(str(path))
     if result is not None and not source.trusted:
-        click.echo(f"{result} says that these gains are not to be trusted.", err=True)
+        click.echo(f"{result}: these gains are not trusted.", err=True)

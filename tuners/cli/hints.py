@@ -1,75 +1,66 @@
-"""What would make a simulator fit a recording that it does not: another sign, or another time."""
+"""Suggestions where no plant reproduces a recording: another sign, or another time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.tuner.result import Check
+from tuners.logs import Log
+from tuners.tuner.result import Result
 
 Array = NDArray[np.float64]
+Tune = Callable[[Array, Array, dict[str, Array]], Result]
 
-
-class Answer(Protocol):
-    """A vehicle's or a plant's result."""
-
-    @property
-    def checks(self) -> tuple[Check, ...]:
-        """What was looked at."""
+STEP, LATEST = 0.001, 0.03
+"""Shifts of the output that are tried, in lengths of the plant's experiment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A tuner's answer to a recording that was altered.
+    """Tune an altered recording."""
 
-    Attributes
-    ----------
-    tune : callable
-        ``tune(u, y)`` for input and output (M,), of a recording (N,) the last of both.
-    u, y : NDArray
-        (N,) the recording.
-    """
+    tune: Tune
+    log: Log
 
-    tune: Callable[[Array, Array], Answer]
-    u: Array
-    y: Array
-
-    def __call__(self, *, sign: int = 1, late: int = 0) -> Answer:
+    def __call__(self, *, sign: int = 1, late: int = 0) -> Result:
         """With the input times `sign`, and the output `late` samples earlier."""
-        return self.tune(sign * self.u[: len(self.u) - late], self.y[late:])
+        log = self.log
+        u, y = sign * log.u[: len(log.u) - late], log.y[late:]
+        return self.tune(u, y, {name: values[late:] for name, values in log.measured.items()})
 
 
-def hints(
-    trial: Trial, found: Answer, step: int, latest: int, sign: str, late: Callable[[int], str]
-) -> tuple[str, ...]:
-    """In words, what makes the simulator fit, if it does not and something is found.
+def hints(tune: Tune, log: Log, result: Result, input_scale: float) -> tuple[str, ...]:
+    """What makes a plant reproduce the recording, if none does and something is found.
 
     Parameters
     ----------
-    found : TuningResult or PlantResult
+    tune : callable
+        ``tune(u, y, measured)`` for a recording at the log's sampling time.
+    result : Result
         For the recording as it is.
-    step, latest : int
-        By how much earlier outputs are tried, in samples.
-    sign : str
-        What to say where it fits with the input's sign reversed.
-    late : callable
-        What to say where it fits so many samples earlier.
+    input_scale : float
+        Scale of the input as the user gave it.
     """
-    if fits(found):
+    if fits(result):
         return ()
+    trial = Trial(tune, log)
+    length = len(result.plant.u) * result.plant.Ts
+    step, latest = round(STEP * length / log.Ts), int(LATEST * length / log.Ts + 1e-9)
     try:
         if fits(trial(sign=-1)):
-            return (sign,)
-        samples = lateness(trial, misfit(found), max(step, 1), latest)
-    except ValueError:  # an altered recording may be none that a plant's own code takes
+            return (f"With the input's sign reversed the recording fits: {_flip(input_scale)}.",)
+        late = lateness(trial, misfit(result), max(step, 1), latest)
+    except ValueError:  # a plant's own code may refuse an altered recording
         return ()
-    return () if samples is None else (late(samples),)
+    if late is None:
+        return ()
+    ms = 1e3 * late * log.Ts
+    return (f"The output seems to be logged {ms:.4g} ms late: shifted by that, it fits.",)
 
 
 def lateness(trial: Trial, least: float, step: int, latest: int) -> int | None:
-    """By how many samples earlier the output fits, walking on while the misfit falls."""
+    """By how many samples earlier the output fits; the search ends where the misfit grows."""
     for late in range(step, latest + 1, step):
         found = trial(late=late)
         if fits(found):
@@ -80,11 +71,17 @@ def lateness(trial: Trial, least: float, step: int, latest: int) -> int | None:
     return None
 
 
-def fits(found: Answer) -> bool:
-    """Whether the simulator answers the input as the recording does."""
-    return all(check.passed for check in found.checks if check.name == "misfit")
+def fits(result: Result) -> bool:
+    """Whether a plant of the simulator reproduces the recording."""
+    return all(check.passed for check in result.checks if check.name == "misfit")
 
 
-def misfit(found: Answer) -> float:
-    """How much of the output it does not explain."""
-    return next(check.value for check in found.checks if check.name == "misfit")
+def misfit(result: Result) -> float:
+    """Share of the output that it does not reproduce."""
+    return next(check.value for check in result.checks if check.name == "misfit")
+
+
+def _flip(input_scale: float) -> str:
+    if input_scale > 0:
+        return "try --flip-input"
+    return "leave out --flip-input, or reverse the sign of --input-scale"

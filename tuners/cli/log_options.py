@@ -1,123 +1,120 @@
-"""The flags that say what is in a log, gathered for a vehicle's and for a plant's."""
+"""Options that say what is in a log, gathered into one `Options`."""
 
 import functools
-from collections.abc import Callable
-from itertools import chain
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import click
 
-from tuners.cli.grouped import PLANT, VEHICLE, Flag
-from tuners.cli.numbers import ASSIGNMENT, NONZERO, NUMBER, POSITIVE
-from tuners.logs import UNITS, Choice, Options
-from tuners.logs.columns import ROLES
-from tuners.logs.plant_log import SIGNALS, PlantOptions
-
-WORDS = {"steer": "steering", "yaw_rate": "yaw rate", "speed": "speed"}
+from tuners.cli.arguments import ASSIGNMENT, NONZERO, NUMBER, POSITIVE
+from tuners.logs import Options
 
 Decorator = Callable[..., Any]
-Make = Callable[..., Decorator]
+
+ROLES: dict[str, tuple[str, ...]] = {
+    "time": (),
+    "input": ("steer",),
+    "output": ("yaw-rate",),
+    "speed": (),
+}
+"""Roles that have options of their own, and further names of these options."""
+
+UNITS = {"time": "ms", "input": "deg", "output": "deg/s", "speed": "km/h"}
+"""Examples for the help."""
+
+SPEED = "speed"
 
 
 def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the flags of a log; it gets them as `Options` and as `PlantOptions`."""
+    """Give a command the options of a log; it gets them as `Options`."""
 
     @functools.wraps(command)
     def gathered(**given: Any) -> Any:
-        columns = {role: given.pop(f"{role}_column") for role in (*ROLES, *SIGNALS)}
-        units = {role: given.pop(f"{role}_unit") for role in (*ROLES, *SIGNALS)}
-        choice = Choice(_said(columns), _said(units))
-        stretch = {name: given.pop(name) for name in ("Ts", "start", "stop")}
-        vehicle = Options(
-            choice,
-            speed=_in_si(given.pop("speed"), units["speed"]),
-            steer_ratio=given.pop("steer_ratio"),
-            steer_sign=-1 if given.pop("flip_steer") else 1,
-            yaw_rate_sign=-1 if given.pop("flip_yaw_rate") else 1,
-            steer_is=given.pop("steer_is"),
-            **stretch,
+        columns = {role: given.pop(f"{role}_column") for role in ROLES}
+        units = {role: given.pop(f"{role}_unit") for role in ROLES}
+        values = {SPEED: given.pop("speed")}
+        measured = _once(given.pop("measured"), _given(columns) | _given(values))
+        columns |= {name: value for name, value in measured.items() if isinstance(value, str)}
+        values |= {name: value for name, value in measured.items() if not isinstance(value, str)}
+        scales = {
+            signal: (-1.0 if given.pop(f"flip_{signal}") else 1.0) * given.pop(f"{signal}_scale")
+            for signal in ("input", "output")
+        }
+        options = Options(
+            columns=_given(columns),
+            units=_given(units),
+            values=_given(values),
+            input_scale=scales["input"] / given.pop("steer_ratio"),
+            output_scale=scales["output"],
+            Ts=given.pop("Ts"),
+            start=given.pop("begin"),
+            stop=given.pop("end"),
+            input_is=given.pop("input_is"),
         )
-        scales = {f"{signal}_scale": given.pop(f"{signal}_scale") for signal in SIGNALS}
-        own = PlantOptions(choice, measured=_once(given.pop("measured")), **scales, **stretch)
-        return command(vehicle=vehicle, own=own, **given)
+        return command(options=options, **given)
 
-    for option in reversed([*_shared(), *_vehicles(), *_plants()]):
+    for option in reversed(_options()):
         gathered = option(gathered)
     return gathered
 
 
-def _said(given: dict[str, str | None]) -> dict[str, str]:
-    return {role: word for role, word in given.items() if word is not None}
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
 
 
-def _once(pairs: tuple[tuple[str, float | str], ...]) -> dict[str, float | str]:
+def _once(
+    pairs: tuple[tuple[str, float | str], ...], others: Mapping[str, Any]
+) -> dict[str, float | str]:
+    """Assignments by name; each name once, and not by another option too."""
     names = [name for name, _ in pairs]
-    twice = next((name for name in names if names.count(name) > 1), None)
+    twice = next((name for name in names if names.count(name) > 1 or name in others), None)
     if twice is not None:
         raise click.UsageError(f"--measured {twice} is given twice.")
     return dict(pairs)
 
 
-def _in_si(speed: float | None, unit: str | None) -> float | None:
-    return None if speed is None else speed * UNITS["speed"][unit or "m/s"]
+def _names(role: str, ending: str) -> list[str]:
+    return [f"--{name}-{ending}" for name in (role, *ROLES[role])]
 
 
-def _column(flag: Make, role: str, words: str) -> Decorator:
-    help = f"Column of {words}: its name, or its place from 1."
-    return flag(f"--{role.replace('_', '-')}-column", metavar="COLUMN", help=help)
+def _column(role: str) -> Decorator:
+    help = f"Name of the {role} column, or its number from 1."
+    return click.option(*_names(role, "column"), f"{role}_column", metavar="COLUMN", help=help)
 
 
-def _unit(flag: Make, role: str, words: str) -> Decorator:
-    units = list(UNITS[role])
-    help = f"Unit of {words}. [default: what the log says, or {units[0]}]"
-    return flag(f"--{role.replace('_', '-')}-unit", type=click.Choice(units), help=help)
+def _unit(role: str) -> Decorator:
+    help = f"Unit of the {role}, such as {UNITS[role]}. [default: the log's or the plant's]"
+    return click.option(*_names(role, "unit"), f"{role}_unit", metavar="UNIT", help=help)
 
 
-def _shared() -> list[Decorator]:
+def _scale(signal: str) -> Decorator:
+    help = f"Factor for the {signal}, once it is in the plant's unit."
+    return click.option(f"--{signal}-scale", type=NONZERO, default=1.0, show_default=True,
+                        help=help)  # fmt: skip
+
+
+def _flip(signal: str) -> Decorator:
+    names = [f"--flip-{name}" for name in (signal, *ROLES[signal])]
+    help = f"Reverse the sign of the {signal}."
+    return click.option(*names, f"flip_{signal}", is_flag=True, help=help)
+
+
+def _options() -> list[Decorator]:
+    option = click.option
     return [
-        _column(click.option, "time", "time"),
-        _unit(click.option, "time", "time"),
-        click.option("--Ts", "Ts", type=POSITIVE, help="Sampling time [s], instead of a column."),
-        click.option("--from", "start", type=NUMBER, help="Use the log from this time on [s]."),
-        click.option("--to", "stop", type=NUMBER, help="Use the log up to this time [s]."),
-    ]
-
-
-def _vehicles() -> list[Decorator]:
-    flag = functools.partial(click.option, cls=Flag, kind=VEHICLE)
-    pairs = [[_column(flag, *of), _unit(flag, *of)] for of in WORDS.items()]
-    return [
-        *chain(*pairs),
-        flag("--speed", type=POSITIVE, help="Constant speed in --speed-unit, instead of a column."),
-        flag(
-            "--steer-ratio", type=POSITIVE, default=1.0, show_default=True,
-            help="Hand-wheel angle over road-wheel angle.",
-        ),
-        flag(
-            "--flip-steer", is_flag=True,
-            help="Turn the steering round, where it counts right and the yaw rate left.",
-        ),
-        flag("--flip-yaw-rate", is_flag=True, help="Turn the yaw rate round."),
-        flag(
-            "--steer-is", type=click.Choice(["command", "measured"]), default="command",
-            show_default=True,
-            help="What was recorded: what the actuator was told, or the angle that came of it.",
-        ),
-    ]  # fmt: skip
-
-
-def _plants() -> list[Decorator]:
-    flag = functools.partial(click.option, cls=Flag, kind=PLANT)
-    scale = functools.partial(flag, type=NONZERO, default=1.0, show_default=True)
-    unit = "Unit of the {}, as in mV. [default: what the log says, or the plant's]"
-    words = "What the {} is multiplied by, once it is in the plant's unit; -1 turns it round."
-    return [
-        *(_column(flag, signal, f"the {signal}") for signal in SIGNALS),
-        *(flag(f"--{signal}-unit", metavar="UNIT", help=unit.format(signal)) for signal in SIGNALS),
-        *(scale(f"--{signal}-scale", help=words.format(signal)) for signal in SIGNALS),
-        flag(
-            "--measured", type=ASSIGNMENT, multiple=True,
-            help="What was measured beside the recording: a number, or a column, whose mean it is, "
-            "if not the one that is called NAME; can be repeated.",
-        ),
+        *(make(role) for role in ROLES for make in (_column, _unit)),
+        *(make(signal) for signal in ("input", "output") for make in (_scale, _flip)),
+        option("--steer-ratio", type=POSITIVE, default=1.0, show_default=True,
+               help="Hand-wheel angle over road-wheel angle: divides the input."),
+        option("--speed", type=POSITIVE,
+               help="A constant speed in --speed-unit, for plants that measure one."),
+        option("--measured", type=ASSIGNMENT, multiple=True,
+               help="A measured parameter of the plant: a number in its unit, or the column whose "
+               "mean it is, if that is not called NAME; can be repeated."),
+        option("--input-is", "--steer-is", "input_is", default="command", show_default=True,
+               type=click.Choice(["command", "measured"]),
+               help="Whether the input was recorded before or after the plant's actuator."),
+        option("--Ts", "Ts", type=POSITIVE, help="Sampling time [s], instead of a column."),
+        option("--from", "begin", type=NUMBER, help="Use the log from this time on [s]."),
+        option("--to", "end", type=NUMBER, help="Use the log up to this time [s]."),
     ]  # fmt: skip

@@ -1,8 +1,56 @@
-"""Numbers as people read them."""
+"""A tuning result as text for people."""
 
 import math
+from collections.abc import Mapping
 
-from tuners.tuner.result import Interval
+from tuners.export.forms import Forms
+from tuners.logs import Log
+from tuners.trust.checks import Check
+from tuners.trust.intervals import Interval
+from tuners.tuner.result import Result
+from yawrate_env.plant.names import split, valued
+from yawrate_env.plant.plant import Plant
+
+
+def as_text(result: Result, log: Log) -> str:
+    """A few aligned lines; predicted metrics only where they are trusted."""
+    plant, forms = result.plant, forms_of(result)
+    units = gain_units(plant)
+    rows = [(split(name)[0], quantity(v, units[name])) for name, v in result.gains.items()]
+    if result.trusted:
+        rows += [(metric_name(n), between(i, unit_of(n))) for n, i in result.intervals.items()]
+    if result.trusted and forms is not None:
+        rows.append(("every", f"{1e3 * forms.Ts:g} ms: {forms.equation}"))
+    width = max(len(name) for name, _ in rows) + 2
+    table = [f"  {name:<{width}}{value}" for name, value in rows]
+    if result.trusted:
+        verdict = [*table, "", "Trusted: every check passed."]
+    else:
+        reasons = (f"  - {explained(reason, result.checks)}" for reason in result.reasons)
+        verdict = ["NOT TRUSTED", *reasons, "", *table, "", instead(result.fallback, units)]
+    notes = ["", "Notes", *(f"  - {note}" for note in result.notes)] if result.notes else []
+    return "\n".join([f"{log.source}: {described(log, plant)}", "", *verdict, *notes])
+
+
+def described(log: Log, plant: Plant) -> str:
+    """A log's stretch, sampling time, measured parameters, and amplitude of the input."""
+    (name, factor), _ = displayed(plant)
+    word, unit = split(name)
+    amplitude = f"{word} ±{quantity(factor * log.excitation.amplitude, unit, digits=3)}"
+    measured = [valued(plant.label(n), float(v.mean())) for n, v in log.measured.items()]
+    stretch = f"{log.t0:.2f} to {log.t0 + log.duration:.2f} s"
+    return ", ".join([stretch, every(log.recorded_Ts), *measured, amplitude])
+
+
+def explained(reason: str, checks: tuple[Check, ...]) -> str:
+    """A reason with the values of the checks that failed, where they say how much."""
+    failed = [check for check in checks if check.message == reason and not check.passed]
+    values = "; ".join(
+        f"{c.name.replace('_', ' ')} {c.value:.3g}, at most {c.limit:.3g}"
+        for c in failed
+        if math.isfinite(c.value) and c.limit > 0
+    )
+    return f"{reason} ({values})" if values else reason
 
 
 def between(interval: Interval, unit: str) -> str:
@@ -10,30 +58,71 @@ def between(interval: Interval, unit: str) -> str:
     if not math.isfinite(interval.value):
         return "unknown"
     width = interval.high - interval.low
-    places = 2 if not 0 < width < math.inf else min(max(1 - math.floor(math.log10(width)), 0), 4)
-    value, low, high = (f"{v:.{places}f}" for v in (interval.value, interval.low, interval.high))
-    return f"{value}{unit}, between {low} and {high} (90 %)"
+    digits = 2 if not 0 < width < math.inf else min(max(1 - math.floor(math.log10(width)), 0), 4)
+    value, low, high = (f"{v:.{digits}f}" for v in (interval.value, interval.low, interval.high))
+    return f"{value}{unit and f' {unit}'}, between {low} and {high} (90 %)"
 
 
-def instead(fallback: tuple[float, float]) -> str:
-    """What to use in place of gains that are not trusted, (kp, Ti) [s]."""
-    kp, Ti = fallback
-    if math.isnan(kp):
-        return (
-            "No gains are stable for every vehicle that the tuner was made for: narrow the prior, "
-            "or ask for a slower crossover."
-        )
-    return f"Stable for every vehicle that the tuner was made for: kp {kp:.4g} s, Ti {Ti:.4g} s."
-
-
-def best(fallback: dict[str, float]) -> str:
-    """What to use in place of a plant's gains that are not trusted, by name."""
+def instead(fallback: Mapping[str, float], units: Mapping[str, str]) -> str:
+    """The gains to use in place of those that are not trusted."""
     if any(map(math.isnan, fallback.values())):
-        return "No gains are stable for every plant of the prior: narrow it, or ask for less."
-    listed = ", ".join(f"{name} {value:.4g}" for name, value in fallback.items())
-    return f"Best for every plant of the prior: {listed}."
+        return (
+            "No gains are stable for every plant of the prior: narrow the prior, or ask for a "
+            "slower loop."
+        )
+    gains = ", ".join(f"{split(n)[0]} {quantity(v, units[n])}" for n, v in fallback.items())
+    return f"Stable for every plant that the tuner was made for: {gains}."
 
 
 def every(Ts: float) -> str:
     """A sampling time [s]."""
     return f"every {Ts:.4g} s" if Ts >= 1 else f"every {1e3 * Ts:.4g} ms"
+
+
+def quantity(value: float, unit: str, digits: int = 4) -> str:
+    """A value and its unit."""
+    return f"{value:.{digits}g} {unit}".rstrip() if math.isfinite(value) else "none"
+
+
+def metric_name(metric: str) -> str:
+    """A metric's name in words, without its unit."""
+    return split(metric)[0].replace("_", " ")
+
+
+def unit_of(name: str) -> str:
+    """The unit in a name's brackets."""
+    return split(name)[1]
+
+
+def displayed(plant: Plant) -> tuple[tuple[str, float], tuple[str, float]]:
+    """Names of input and output for people, and the factors to their units."""
+    input, output = plant.signals
+    return plant.display or ((input, 1.0), (output, 1.0))
+
+
+def gain_units(plant: Plant) -> dict[str, str]:
+    """Units of the gains: those in their names, or of a PI's kp and Ti."""
+    units = {name: unit_of(name) for name in plant.gains}
+    if plant.parametrisation.target is not None:
+        kp, Ti = plant.gains
+        input, output = map(unit_of, plant.signals)
+        units = {kp: units[kp] or ratio(input, output), Ti: units[Ti] or "s"}
+    return units
+
+
+def ratio(input: str, output: str) -> str:
+    """Unit of input over output; empty where one of them is not known or both are equal."""
+    if not (input and output) or input == output:
+        return ""
+    if output == f"{input}/s":
+        return "s"
+    return f"{input}/({output})" if "/" in output else f"{input}/{output}"
+
+
+def forms_of(result: Result) -> Forms | None:
+    """Forms of a PI controller; None where the gains are no PI's or do not exist."""
+    target = result.plant.parametrisation.target
+    if target is None or not all(map(math.isfinite, result.gains.values())):
+        return None
+    kp, Ti = result.gains.values()
+    return Forms.of(kp, Ti, target)

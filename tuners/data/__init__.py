@@ -1,8 +1,8 @@
-"""Data sets of any size: features, targets and contexts in a folder of Parquet files.
+"""Data sets of any size: features, gains and parameters in a folder of Parquet files.
 
-``generate`` writes one, in parallel, and goes on where it was interrupted; ``verify``
-reads every byte again; ``Folder`` reads one, ``train`` and ``train_plant`` learn from one,
-in bounded memory.  ``docs/datasets.md`` has the format.
+``generate`` writes one, in parallel, and continues where it was interrupted; ``verify``
+reads every byte again; ``Folder`` reads one, ``train`` learns from one, in bounded memory.
+``docs/datasets.md`` has the format.
 """
 
 from tuners.data.folder import Folder, verify
@@ -10,7 +10,7 @@ from tuners.data.generation import generate
 from tuners.data.manifest import DatasetError
 from tuners.data.minari_export import BEHAVIOURS, export_minari
 from tuners.data.table import load_gains
-from tuners.data.training import train, train_plant
+from tuners.data.training import train
 
 __all__ = [
     "BEHAVIOURS",
@@ -20,6 +20,5 @@ __all__ = [
     "generate",
     "load_gains",
     "train",
-    "train_plant",
     "verify",
 ]

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from tuners.data import shards
+from tuners.data.columns import Columns
 from tuners.data.manifest import DatasetError, Manifest, Shard
-from tuners.data.subject import Columns
+from tuners.tuner.examples import Examples
 from yawrate_env import validation
 from yawrate_env.batch import concatenate
-from yawrate_env.plant.episodes import Examples
 from yawrate_env.plant.plant import Plant
 
 Progress = Callable[[str, int, int], None]
 
 _ROUNDING = 1e-6
-"""What another processor's arithmetic may change, an iterative fit included."""
+"""Tolerance for the rounding of another processor, an iterative fit included."""
 
 
 class Folder:
@@ -29,13 +29,13 @@ class Folder:
     path : path
         The folder that `generate` wrote.
     plant : Plant, optional
-        What it is of, if not vehicles and not to be imported from the entry point that the
-        manifest names, beside the folder or from the usual places: importing runs code.
+        The plant, if not to be imported from the entry that the manifest names, beside the
+        folder or from the usual places: importing runs code.
 
     Attributes
     ----------
     recipe : Configuration
-        Task or plant, context set, compressor, seed and size.
+        Plant, set of episodes, features, seed and size.
     manifest : Manifest
         The same as it was written, and the shards.
     """
@@ -61,7 +61,7 @@ class Folder:
             yield from shards.read(self.path / shard.file, names)
 
     def batches(self) -> Iterator[Examples]:
-        """Features, targets and contexts, in order and in bounded memory."""
+        """Features, gains and parameters, in order and in bounded memory."""
         yield from (shards.examples(values, self.recipe) for values in self.columns())
 
     def row(self, episode: int, names: Sequence[str]) -> Columns:
@@ -81,7 +81,7 @@ class Folder:
 
 
 def damage(folder: Path, manifest: Manifest, progress: Progress | None = None) -> list[str]:
-    """Read all shards that a manifest lists; what is wrong with those that exist, in words."""
+    """Read all shards that a manifest lists; say which of those that exist are damaged."""
     wrong = []
     for done, shard in enumerate(manifest.shards, start=1):
         path = folder / shard.file

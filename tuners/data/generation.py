@@ -23,13 +23,12 @@ from tuners.data import manifest, shards
 from tuners.data import workers as pool
 from tuners.data.folder import Folder, damage
 from tuners.data.manifest import Configuration, DatasetError, Manifest, Shard
-from tuners.features import FirstStage
+from tuners.features import Features
 from yawrate_env import validation
 from yawrate_env.compiled import cores
 from yawrate_env.files import leftovers, replacing
+from yawrate_env.plant import entry
 from yawrate_env.plant.plant import Plant
-from yawrate_env.vehicle.contexts import ContextSet, context_set
-from yawrate_env.vehicle.task import Task
 
 Progress = Callable[[str, int, int], None]
 
@@ -44,9 +43,9 @@ _REMEDIES = {
 
 
 def generate(
-    what: Task | Plant,
-    contexts: ContextSet | str,
-    compressor: FirstStage,
+    plant: Plant,
+    set: str,
+    features: Features,
     episodes: int,
     seed: int,
     out: str | os.PathLike[str],
@@ -58,19 +57,19 @@ def generate(
     resume: bool = True,
     progress: Progress | None = None,
 ) -> Folder:
-    """Write the first `episodes` of a context set's seed to a folder.
+    """Write the first `episodes` of a seed to a folder.
 
-    What is written does not depend on who computes it, nor on how often the run was
-    interrupted or asked for more; rows do not depend on `shard_size` either.
+    The bytes do not depend on the workers, nor on how often the run was interrupted or asked
+    for more; rows do not depend on `shard_size` either.
 
     Parameters
     ----------
-    what : Task or Plant
-        Whose episodes.  Workers and readers find a plant again by its `entry`.
-    contexts : ContextSet or str
-        Which family of them, of `yawrate_env.vehicle.contexts.CONTEXT_SETS`, or its name.
-    compressor : Armax, Laguerre, Regularised or FrequencyResponse
-        What makes features of recordings.
+    plant : Plant
+        Workers and readers find it again by its `entry`.
+    set : str
+        Which set of episodes: train, test, extrapolation or calibration.
+    features : Armax, Laguerre, Regularised or FrequencyResponse
+        First stage.
     episodes : int
         How many; a folder that holds fewer grows, one that holds more is refused.
     out : path
@@ -86,7 +85,7 @@ def generate(
     resume : bool
         Go on in a folder that exists; otherwise refuse it.
     progress : callable, optional
-        Called with what is being done, how many episodes are done, and of how many.
+        Called with the stage's name, how many episodes are done, and of how many.
 
     Raises
     ------
@@ -98,12 +97,12 @@ def generate(
     episodes = validation.count("episodes", episodes)
     if shard_size is None:
         shard_size = manifest.shard_size(episodes, raw)
-    family = context_set(contexts) if isinstance(contexts, str) else contexts
-    recipe = Configuration(what, family, compressor, seed, episodes, shard_size, raw)
-    _check_compressor(recipe)
+    recipe = Configuration(plant, set, features, seed, episodes, shard_size, raw)
+    _check_features(recipe)
     folder = Path(out)
-    place = recipe.subject.home() or folder.parent
-    home = Configuration.from_json(recipe.to_json(), place).subject.home()  # as all workers will
+    place = entry.home(plant) or folder.parent
+    found_again = Configuration.from_json(recipe.to_json(), place)  # as all workers will
+    home = entry.home(found_again.plant)
     with _owned(folder):
         with _explained(folder):
             found = _begun(folder, recipe, resume, progress)
@@ -119,21 +118,21 @@ def generate(
             done += shard.rows
             if progress is not None:
                 progress("simulating", done, episodes)
-    return Folder(folder, what if isinstance(what, Plant) else None)
+    return Folder(folder, plant)
 
 
-def _check_compressor(recipe: Configuration) -> None:
+def _check_features(recipe: Configuration) -> None:
     """``ValueError`` where the first stage cannot work on recordings of that length."""
-    plant = recipe.plant()
+    plant = recipe.plant
     y = plant.respond(plant.middle)
     with np.errstate(all="ignore"):
-        recipe.compressor(plant.u[None], y, plant.Ts)
+        recipe.features(plant.u[None], y, plant.Ts)
 
 
 def _begun(
     folder: Path, recipe: Configuration, resume: bool, progress: Progress | None
 ) -> Manifest:
-    """The manifest to go on from, of a folder in which nothing is half-written or damaged."""
+    """The manifest to continue from, once nothing in the folder is half-written or damaged."""
     for name in (manifest.FILE, "shard-*.parquet"):
         for stale in leftovers(folder / name):
             stale.unlink()
@@ -148,8 +147,7 @@ def _begun(
         raise DatasetError(f"{folder} holds a data set already. Resume it, or name a new folder.")
     before = Manifest.read(folder)
     found = before.grown(recipe.episodes)
-    other = "; ".join(manifest.differences(configuration, found.configuration))
-    if other:
+    if other := recipe.differences(found.configuration):
         raise DatasetError(
             f"{folder} holds another data set: {other}. Name a new folder, or use its settings."
         )
@@ -209,7 +207,7 @@ def _undo(folder: Path, made: list[Path]) -> None:
 
 @contextmanager
 def _explained(folder: Path) -> Iterator[None]:
-    """Say of an error of the operating system what it means for the data set."""
+    """Turn errors of the operating system into `DatasetError` with the remedy."""
     try:
         yield
     except OSError as error:

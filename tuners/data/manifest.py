@@ -1,4 +1,4 @@
-"""What a data set is made of, and the file that says so.
+"""The configuration of a data set, and the manifest that holds it.
 
 ``_manifest.json`` holds the configuration, its hash, the seeds, and for every finished
 shard its rows and sha256.  It is replaced after each shard, always as a whole; a shard
@@ -13,16 +13,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
-from tuners.data.subject import Subject, subject_of
-from tuners.features import FirstStage, check, compressor, described
-from tuners.tuner.tuner import task_from
+from tuners.data import columns
+from tuners.features import Features, check_features, features_named, settings_of
 from yawrate_env import __version__, validation
 from yawrate_env.files import write_text
 from yawrate_env.plant import entry
-from yawrate_env.plant.fingerprint import alike
+from yawrate_env.plant.episodes import SETS, ranges_of
+from yawrate_env.plant.fingerprint import OF_EPISODES, changed, fingerprint
 from yawrate_env.plant.plant import Plant
-from yawrate_env.vehicle.contexts import ContextSet
-from yawrate_env.vehicle.task import Prior, Task
 
 FORMAT = "yawrate-dataset 1"
 FILE = "_manifest.json"  # what begins so is no part of the table to Arrow, pandas and Spark
@@ -30,7 +28,7 @@ RAW_SHARD_SIZE, SHARD_SIZE, SHARDS = 512, 4096, 1024
 """Episodes a file with and without recordings, and how many files there are at most."""
 
 LIBRARIES = ("numpy", "numba", "pyarrow")
-"""What decides on a shard's last bits and bytes."""
+"""Libraries that the last bits and bytes of a shard depend on."""
 
 
 class DatasetError(ValueError):
@@ -53,11 +51,11 @@ class Configuration:
 
     Attributes
     ----------
-    what : Task or Plant
-        Vehicles, experiment and target; or any other plant, which its entry leads to.
-    contexts : ContextSet
-        Which family of episodes.
-    compressor : Armax or Laguerre
+    plant : Plant
+        Its entry is named in the manifest.
+    set : str
+        Which set of episodes (`yawrate_env.plant.episodes.SETS`).
+    features : Armax, Laguerre, Regularised or FrequencyResponse
         First stage.
     seed, episodes : int
         Episodes ``0`` to ``episodes - 1`` of this seed.
@@ -67,9 +65,9 @@ class Configuration:
         Whether the recordings are kept too.
     """
 
-    what: Task | Plant
-    contexts: ContextSet
-    compressor: FirstStage
+    plant: Plant
+    set: str
+    features: Features
     seed: int
     episodes: int
     shard_size: int
@@ -79,20 +77,13 @@ class Configuration:
         for name, least in (("seed", 0), ("episodes", 1), ("shard_size", 1)):
             value = validation.count(name, getattr(self, name), at_least=least)
             object.__setattr__(self, name, value)
-        remedy = "Give one of yawrate_env.vehicle.contexts.CONTEXT_SETS."
-        validation.instance("contexts", self.contexts, ContextSet, remedy=remedy)
-        check(self.compressor)
+        validation.instance("plant", self.plant, Plant, remedy="Describe one.")
+        validation.one_of("set of episodes", self.set, tuple(SETS))
+        check_features(self.features)
         object.__setattr__(self, "raw", validation.flag("raw", self.raw))
-        self.subject.check(self.contexts)
-
-    @property
-    def subject(self) -> Subject:
-        """What it is of, as the table and the manifest see it."""
-        return subject_of(self.what)
-
-    def plant(self) -> Plant:
-        """What it is of, as everything else sees it."""
-        return self.subject.plant(self.contexts)
+        entry.named(self.plant, "A data set")
+        ranges_of(self.plant, self.set)
+        columns.check(self.plant)
 
     def shards(self) -> Iterator[Shard]:
         """All of them, in order."""
@@ -111,10 +102,11 @@ class Configuration:
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values, the versions in use among them."""
+        now = fingerprint(self.plant)
         values = {
-            **self.subject.to_json(),
-            "contexts": asdict(self.contexts),
-            "compressor": described(self.compressor),
+            "plant": self._named() | {"fingerprint": {name: now[name] for name in OF_EPISODES}},
+            "set": self.set,
+            "features": settings_of(self.features),
             "seed": self.seed,
             "episodes": self.episodes,
             "shard_size": self.shard_size,
@@ -141,28 +133,52 @@ class Configuration:
         DatasetError
             The plant is missing or has changed.
         """
-        contexts = dict(values["contexts"])
-        if contexts["beyond"] is not None:
-            contexts["beyond"] = Prior(**contexts["beyond"])
-        own = "plant" in values
+        described = values["plant"]
         found = cls(
-            _found(values["plant"]["entry"], folder, plant) if own else task_from(values),
-            ContextSet(**contexts),
-            compressor(**values["compressor"]),
+            _found(described["entry"], described["arguments"], folder, plant),
+            values["set"],
+            features_named(**values["features"]),
             *(values[name] for name in ("seed", "episodes", "shard_size", "raw")),
         )
-        found._check_unchanged(values)
-        return found
-
-    def _check_unchanged(self, values: dict[str, Any]) -> None:
-        """`DatasetError` where the plant is not what it was when `to_json` gave `values`."""
-        then, now = values.get("plant", {}), self.to_json().get("plant", {})
-        other = "; ".join(differences(now, then, "plant."))
-        if other:
+        if other := found._changes(described):
             raise DatasetError(
-                f"The data set is not of the {then.get('entry')} that is found here: {other}. "
+                f"The data set is not of the {described['entry']} that is found here: {other}. "
                 "Restore its description, or generate another data set."
             )
+        return found
+
+    def differences(self, then: dict[str, Any]) -> str:
+        """How another configuration differs; empty if it does not."""
+        now = _flat({**self.to_json(), "plant": {}})
+        then, plant = _flat({**then, "plant": {}}), then.get("plant", {})
+        parts = [self._changes(plant)] + [
+            f"{name} is {then.get(name)!r} there and {now.get(name)!r} here"
+            for name in sorted(now.keys() | then.keys())
+            if now.get(name) != then.get(name)
+        ]
+        return "; ".join(part for part in parts if part)
+
+    def _named(self) -> dict[str, Any]:
+        """Where the plant is found again, and settings of its episodes."""
+        low, high = (ends.tolist() for ends in ranges_of(self.plant, self.set))
+        return {
+            "entry": self.plant.entry,
+            "arguments": dict(self.plant.arguments),
+            "coordinates": columns.coordinate_names(self.plant),
+            "ranges": dict(zip(self.plant.prior, zip(low, high, strict=True), strict=True)),
+        }
+
+    def _changes(self, then: dict[str, Any]) -> str:
+        """How the plant differs from what a manifest says of it."""
+        now = json.loads(json.dumps(self._named()))
+        before, after = (
+            _flat({name: values.get(name) for name in now}, "plant.") for values in (then, now)
+        )
+        for name in after | before:
+            if before.get(name) != after.get(name):
+                return f"{name} is {before.get(name)!r} there and {after.get(name)!r} here"
+        other = changed(self.plant, then.get("fingerprint", {}), OF_EPISODES)
+        return f"the plant's {other} has changed" if other else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +237,7 @@ class Manifest:
             "configuration": self.configuration,
             "configuration_sha256": _digest(self.configuration),
             "seeds": {
-                "entropy": [self.configuration["contexts"]["tag"], root],
+                "entropy": [SETS[self.configuration["set"]], root],
                 "spawn_keys": [0, episodes],
             },
             "shards": [asdict(shard) for shard in self.shards],
@@ -259,22 +275,18 @@ def shard_size(episodes: int, raw: bool) -> int:
     return RAW_SHARD_SIZE if raw else max(SHARD_SIZE, -(-episodes // SHARDS))
 
 
-def differences(wanted: dict[str, Any], found: dict[str, Any], prefix: str = "") -> Iterator[str]:
-    """Where two configurations differ, in words."""
-    for name in sorted(wanted.keys() | found.keys()):
-        ours, theirs = wanted.get(name), found.get(name)
-        if isinstance(ours, dict) and isinstance(theirs, dict):
-            yield from differences(ours, theirs, f"{prefix}{name}.")
-        elif prefix == "plant.answers.":
-            if not alike(theirs, ours):
-                yield f"the plant's {name} has changed"
-        elif isinstance(ours, dict) or isinstance(theirs, dict):
-            yield f"there is {prefix}{name} {'here' if theirs is None else 'there'} only"
-        elif ours != theirs:
-            yield f"{prefix}{name} is {theirs!r} there and {ours!r} here"
+def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested values by dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{name}.")
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat
 
 
-def _found(name: str, folder: Path | None, plant: Plant | None) -> Plant:
+def _found(name: str, arguments: dict[str, Any], folder: Path | None, plant: Plant | None) -> Plant:
     """The plant given, which needs no entry, or that of the entry."""
     if plant is not None and plant.entry not in ("", name):
         raise DatasetError(
@@ -282,7 +294,9 @@ def _found(name: str, folder: Path | None, plant: Plant | None) -> Plant:
             "generate another data set."
         )
     try:
-        return entry.find(name, folder) if plant is None else entry.entered(plant, name)
+        if plant is None:
+            return entry.find(name, folder, arguments)
+        return plant if plant.entry else entry.with_entry(plant, name, arguments)
     except ValueError as error:
         raise DatasetError(f"The data set needs its plant. {error}") from None
 

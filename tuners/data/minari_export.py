@@ -1,8 +1,8 @@
 """Episodes, actions and rewards for offline reinforcement learning, as a Minari data set.
 
-Episode k shows the vehicle or plant of row k of the same seed's data set, and follows
-behaviour ``k mod len(behaviours)``.  With actions in [-1, 1]^m (loop coordinates, or a
-plant's own, see `tuners.agents.feature_map.ActionMap`) and ``w`` uniform there:
+Episode k shows the plant of row k of the same seed's data set, and follows behaviour
+``k mod len(behaviours)``.  With actions in [-1, 1]^m (the plant's coordinates, see
+`tuners.agents.feature_map.ActionMap`) and ``w`` uniform there:
 
 | behaviour | action |
 |---|---|
@@ -22,15 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.agents.feature_map import ActionMap
-from tuners.agents.sight import sight
-from tuners.data.acting import Acts, acts
 from tuners.data.manifest import DatasetError
-from tuners.data.subject import Plants
 from yawrate_env import ENV_ID, FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID, validation
-from yawrate_env.plant import fingerprint
-from yawrate_env.plant.entry import find
+from yawrate_env.plant.entry import find, named
+from yawrate_env.plant.episodes import SETS, Episodes, ranges_of
+from yawrate_env.plant.episodes import episodes as episodes_of
+from yawrate_env.plant.fingerprint import changed, fingerprint
 from yawrate_env.plant.plant import Plant
-from yawrate_env.vehicle.contexts import CONTEXT_SETS, ContextSet
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -46,7 +44,6 @@ RAW = ENV_ID, PLANT_ID
 """Environments on recordings; the others are on features."""
 
 _PERTURBATION = 0.1
-_CHUNK = 256
 
 
 def export_minari(
@@ -54,7 +51,7 @@ def export_minari(
     episodes: int,
     seed: int = 0,
     *,
-    contexts: ContextSet = CONTEXT_SETS["train"],
+    set: str = "train",
     plant: Plant | str | None = None,
     raw: bool = False,
     behaviours: Sequence[str] = BEHAVIOURS,
@@ -71,20 +68,20 @@ def export_minari(
         At most 100 000: Minari keeps a group of arrays an episode.
     seed : int
         Of the episodes, as in `generate`, and of random actions.
-    contexts : ContextSet
-        Which family of episodes; ``extrapolation`` is of vehicles only.
+    set : str
+        Which set of episodes, of `yawrate_env.plant.episodes.SETS`.
     plant : Plant or str, optional
-        One with an entry, or ``"module:attribute"``, instead of vehicles.
+        One with an entry, or ``"module:attribute"``, instead of the default vehicles.
     raw : bool
         Recordings and gains of ``yawrate/PITuning-v0``, 160 kB an episode, or of
         ``yawrate/Plant-v0``, instead of the features and actions of
         ``yawrate/PITuningFeatures-v0`` or ``yawrate/PlantFeatures-v0``.
     behaviours : sequence of str
-        Who acts in turn, of `BEHAVIOURS`.
+        Behaviours in turn, of `BEHAVIOURS`.
     env_kwargs : dict, optional
         Further arguments of the environment.
     progress : callable, optional
-        Called with what is being done, how many episodes are done, and of how many.
+        Called with the stage's name, how many episodes are done, and of how many.
 
     Raises
     ------
@@ -99,8 +96,7 @@ def export_minari(
     seed = validation.count("seed", seed, at_least=0)
     _check_name(dataset_id)
     validation.flag("raw", raw)
-    remedy = "Give one of yawrate_env.vehicle.contexts.CONTEXT_SETS."
-    validation.instance("contexts", contexts, ContextSet, remedy=remedy)
+    validation.one_of("set of episodes", set, tuple(SETS))
     validation.instance("env_kwargs", env_kwargs or {}, dict, remedy="Give names with values.")
     if not isinstance(behaviours, list | tuple) or not behaviours:
         raise ValueError(f"behaviours = {behaviours!r} must be some of {', '.join(BEHAVIOURS)}.")
@@ -108,7 +104,8 @@ def export_minari(
         validation.one_of("behaviour", name, BEHAVIOURS)
     if dataset_id in minari.list_local_datasets():
         raise DatasetError(f"Minari has {dataset_id} already. Delete it, or choose another name.")
-    env = _environment(plant, raw, env_kwargs or {}, contexts)
+    env = _environment(plant, raw, env_kwargs or {})
+    ranges_of(env.unwrapped.plant, set)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of an address and a link that are not given
         empty = minari.create_dataset_from_buffers(
@@ -119,14 +116,13 @@ def export_minari(
             algorithm_name=", ".join(behaviours),
             author="yawrate",
             description=(
-                f"One-step episodes of seed {seed}, context set {contexts.name}; behaviours "
-                f"in turn: {', '.join(behaviours)}. An episode's options pin its "
-                f"{'vehicle' if plant is None else 'plant'}."
+                f"One-step episodes of seed {seed}, set {set}; behaviours in turn: "
+                f"{', '.join(behaviours)}. An episode's options pin its plant."
             ),
         )
     try:
         _indexed(empty.storage.data_path)
-        empty.storage.update_episodes(_buffers(env, episodes, seed, contexts, behaviours, progress))
+        empty.storage.update_episodes(_buffers(env, episodes, seed, set, behaviours, progress))
     except BaseException:
         minari.delete_dataset(dataset_id)
         raise
@@ -134,7 +130,7 @@ def export_minari(
 
 
 def _check_name(dataset_id: Any) -> None:
-    """Refuse what Minari would write, and never again list anything beside it."""
+    """Refuse names that Minari writes, after which it can list no data set any more."""
     from minari.dataset.minari_dataset import parse_dataset_id
 
     try:
@@ -146,21 +142,23 @@ def _check_name(dataset_id: Any) -> None:
         ) from None
 
 
-def _environment(
-    plant: Plant | str | None, raw: bool, kwargs: dict[str, Any], contexts: ContextSet
-) -> Any:
-    """The one whose episodes are asked for; of a plant as it will be found again."""
+def _environment(plant: Plant | str | None, raw: bool, kwargs: dict[str, Any]) -> Any:
+    """The environment that the data set records; of a plant as it is found again."""
     if plant is None:
         return gymnasium.make(ENV_ID if raw else FEATURES_ID, **kwargs)
-    Plants(described := find(plant)).check(contexts)
-    found = find(described.entry)
-    then = fingerprint.settings(described), fingerprint.trial(described)
-    if other := fingerprint.changed(found, *then):
-        raise DatasetError(
-            f"plant is not the {described.entry} that is found again: its {other} differs. Give "
-            "it an entry of its own."
+    described = find(plant)
+    entry = named(described, "A data set")
+    if described.arguments:
+        raise ValueError(
+            f"plant = {entry} takes arguments, which Minari cannot store. Give a plant that is "
+            "an attribute of its module."
         )
-    return gymnasium.make(PLANT_ID if raw else PLANT_FEATURES_ID, plant=described.entry, **kwargs)
+    if other := changed(find(entry), fingerprint(described)):
+        raise DatasetError(
+            f"plant is not the {entry} that is found again: its {other} differs. Give it an entry "
+            "of its own."
+        )
+    return gymnasium.make(PLANT_ID if raw else PLANT_FEATURES_ID, plant=entry, **kwargs)
 
 
 def _indexed(folder: Path) -> None:
@@ -180,49 +178,54 @@ def _buffers(
     env: Any,
     episodes: int,
     seed: int,
-    contexts: ContextSet,
+    set: str,
     behaviours: Sequence[str],
     progress: Progress | None,
 ) -> "Iterator[EpisodeBuffer]":
-    """Episodes one after the other, simulated a chunk at a time."""
+    """Episodes one after the other, simulated a block at a time."""
     from minari.data_collector import EpisodeBuffer
 
-    actions = ActionMap.of(sight(env.unwrapped).plant)
+    plant = env.unwrapped.plant
+    actions = ActionMap.of(plant)
     shape = episodes, len(actions.low)
-    noise = np.random.default_rng((contexts.tag, seed)).uniform(-1, 1, shape)
+    noise = np.random.default_rng((SETS[set], seed)).uniform(-1, 1, shape)
     turns = np.resize(np.array(behaviours), episodes)
-    done = 0
-    for block in acts(env, contexts, seed, episodes, _CHUNK):
-        chunk = slice(done, done + len(block.observations))
-        steps = _steps(env, block, actions, turns[chunk], noise[chunk])
-        for k, (obs, action, reward) in enumerate(zip(*steps, strict=True)):
+    for block in episodes_of(plant, set, seed, 0, episodes):
+        steps = _steps(env, block, actions, turns[block.number], noise[block.number])
+        for k, obs, action, reward, theta in zip(block.number, *steps, block.theta, strict=True):
             yield EpisodeBuffer(
-                id=done + k,
-                options={name: float(values[k]) for name, values in block.truth.items()},
+                id=int(k),
+                options=dict(zip(plant.prior, theta.tolist(), strict=True)),
                 observations=np.stack([obs, obs]),  # the environment shows the same again
                 actions=action[None],
                 rewards=[reward],
                 terminations=[True],
                 truncations=[False],
             )
-        done = chunk.stop
         if progress is not None:
-            progress("exporting", done, episodes)
+            progress("exporting", int(block.number[-1]) + 1, episodes)
 
 
 def _steps(
-    env: Any, block: Acts, known: ActionMap, turns: NDArray[np.str_], noise: Array
+    env: Any, block: Episodes, known: ActionMap, turns: NDArray[np.str_], noise: Array
 ) -> tuple[NDArray[np.float32], NDArray[Any], Array]:
     """Observations, actions and rewards of B episodes, as the environment has them."""
-    nominal = np.nan_to_num(known.actions(block.nominal))
-    oracle = known.actions(block.oracle)
+    interface = env.unwrapped.interface
+    plant = interface.plant
+    nominal, oracle = (
+        known.actions(plant.oracle(plant.middle)),
+        known.actions(plant.oracle(block.theta)),
+    )
+    nominal = np.nan_to_num(nominal).repeat(len(block), axis=0)
     oracle = np.where(np.isnan(oracle), nominal, oracle)
     actions = np.select(
         [(turns == name)[:, None] for name in BEHAVIOURS],
         [noise, np.clip(oracle + _PERTURBATION * noise, -1, 1), nominal, oracle],
     ).astype(np.float32)
     gains = known.gains(actions)
-    rewards = block.rewards(gains)
+    rewards, _ = interface.outcome(block.theta, gains)
+    observations = interface.observe(block.u, block.y, block.theta)
     if env.spec.id in RAW:
-        return block.observations, gains, rewards
-    return env.get_wrapper_attr("observation")(block.observations), actions, rewards
+        return observations, gains, rewards
+    features = [env.get_wrapper_attr("observation")(obs) for obs in observations]
+    return np.stack(features), actions, rewards

@@ -1,15 +1,6 @@
 """One shard: consecutive episodes as a Parquet file, a function of its configuration alone.
 
-| column | of vehicles | type | |
-|---|---|---|---|
-| `episode` | | int64 | number within the seed |
-| the prior's parameters | `mu_s`, `M_delta`, `v_x` | float64 | the plant |
-| `laguerre_1` ... or `armax_1` ... | | float64 | features; of what is measured beside, last |
-| `usable` | | bool | compression converged and the design rule has gains |
-| vehicles only | `status` | int8 | `yawrate_env.loop.design.Status` of the design rule |
-| the gains | `kp`, `Ti` | float64 | of the design rule |
-| the learner's targets | `log_gain`, `phase` | float64 | the same in the plant's coordinates |
-| `u`, `y` | `steer`, `yaw_rate` | float32[N] | the recording, on request |
+`tuners.data.columns` has the table of columns.
 """
 
 import io
@@ -22,11 +13,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from tuners.data.manifest import Configuration, DatasetError, Shard, differences
-from tuners.data.subject import FEATURE, Columns, target_names
-from tuners.features import described
+from tuners.data.columns import SIGNALS, Columns, coordinate_names, features_in, units
+from tuners.data.manifest import Configuration, DatasetError, Shard
+from tuners.features import settings_of
+from tuners.tuner.examples import Examples, examples_of
 from yawrate_env.batch import concatenate
-from yawrate_env.plant.episodes import Examples, compressed
 
 ROWS, RAW_ROWS = 8192, 512
 """At most so many rows are read at a time, without and with recordings."""
@@ -38,45 +29,38 @@ def made(configuration: dict[str, Any], shard: Shard, home: Path | None = None) 
     Parameters
     ----------
     configuration : dict
-        `Configuration.to_json`, the versions of whoever writes the data set included.
+        `Configuration.to_json` of the process that writes the data set, with its versions.
     home : Path, optional
-        Where a plant's module is on the machine of whoever writes the data set.
+        Folder of the plant's module on the machine of that process.
     """
     try:
         recipe = Configuration.from_json(configuration, home)
     except DatasetError as error:
         raise DatasetError(f"A worker: {error} Give all workers the same module.") from None
-    other = list(differences(recipe.to_json(), configuration))
-    if other:
-        raise DatasetError(f"A worker has other versions: {'; '.join(other)}. Install the same.")
-    return written(columns(recipe, shard), recipe.subject.units)
+    if other := recipe.differences(configuration):
+        raise DatasetError(f"A worker has other versions: {other}. Install the same.")
+    return written(columns(recipe, shard), units(recipe.plant))
 
 
 def columns(recipe: Configuration, shard: Shard) -> Columns:
     """Simulate a shard's episodes."""
     parts: list[Examples] = []
-    plant, signals, done = recipe.plant(), recipe.subject.signals, 0
-    shape = shard.rows if recipe.raw else 0, len(plant.u)
-    raw = {name: np.empty(shape, np.float32) for name in signals}
-    for rows, block in compressed(
-        plant,
-        recipe.contexts.name,
-        recipe.seed,
-        shard.first,
-        shard.rows,
-        recipe.compressor,
+    done = 0
+    shape = shard.rows if recipe.raw else 0, len(recipe.plant.u)
+    raw = {name: np.empty(shape, np.float32) for name in SIGNALS}
+    for rows, block in examples_of(
+        recipe.plant, recipe.set, recipe.seed, shard.first, shard.rows, recipe.features
     ):
         parts.append(rows)
         if recipe.raw:
-            for name, signal in zip(signals, (block.u, block.y), strict=True):
+            for name, signal in zip(SIGNALS, (block.u, block.y), strict=True):
                 raw[name][done : done + len(rows)] = signal
         done += len(rows)
     return _of_examples(concatenate(parts), recipe) | (raw if recipe.raw else {})
 
 
-def written(values: Columns, units: Mapping[str, str] | None = None) -> bytes:
+def written(values: Columns, units: Mapping[str, str]) -> bytes:
     """Columns as a Parquet file; the same columns always give the same bytes."""
-    units = units or {}
     fields, arrays = [], []
     for name, column in values.items():
         array = pa.array(np.ravel(column))
@@ -113,19 +97,13 @@ def read(path: Path, names: Sequence[str] | None = None) -> Iterator[Columns]:
         raise DatasetError(f"{path} cannot be read: {reason} Verify the data set.") from None
 
 
-def feature_names(names: Iterable[str]) -> list[str]:
-    """Those of columns that are features."""
-    return [name for name in names if FEATURE.fullmatch(name)]
-
-
 def examples(values: Columns, recipe: Configuration) -> Examples:
     """Columns back to the record that training takes."""
-    plant = recipe.plant()
+    plant = recipe.plant
     theta, features, gains = (
         np.stack([values[name] for name in names], axis=1)
-        for names in (plant.prior, feature_names(values), plant.gains)
+        for names in (plant.prior, features_in(values), plant.gains)
     )
-    gains[~recipe.subject.reached(values)] = np.nan
     return Examples(values["episode"], theta, features, values["usable"], gains)
 
 
@@ -134,17 +112,15 @@ def _rows(recordings: Iterable[bool]) -> int:
 
 
 def _of_examples(rows: Examples, recipe: Configuration) -> Columns:
-    plant, stage = recipe.plant(), described(recipe.compressor)["name"]
-    further, gains = recipe.subject.designed(rows)
-    targets = plant.parametrisation.encode(gains)
+    plant, stage = recipe.plant, settings_of(recipe.features)["name"]
+    coordinates = rows.targets(plant.parametrisation)
     return {
         "episode": rows.number,
         **dict(zip(plant.prior, rows.theta.T, strict=True)),
         **{f"{stage}_{i}": column for i, column in enumerate(rows.features.T, start=1)},
         "usable": rows.usable,
-        **further,
-        **dict(zip(plant.gains, gains.T, strict=True)),
-        **dict(zip(target_names(plant), targets.T, strict=True)),
+        **dict(zip(plant.gains, rows.gains.T, strict=True)),
+        **dict(zip(coordinate_names(plant), coordinates.T, strict=True)),
     }
 
 

@@ -1,7 +1,7 @@
-"""Who does the work: this process, a pool of processes, or a cluster.
+"""Run jobs in this process, in a pool of processes, or on a cluster.
 
-They answer in any order, and are given another job only when a result has been taken:
-what is slower to write than to make does not pile up in memory, as it would behind
+Results come in any order, and a worker gets another job only when a result has been taken:
+they do not pile up in memory where writing is slower than computing, as they would with
 ``joblib.Parallel``'s generators.
 """
 
@@ -59,7 +59,7 @@ def results(
 
 @contextmanager
 def _executor(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, Size]]:
-    """Whom to give jobs, and how many of them it does at a time; a cluster may grow."""
+    """An executor, and how many jobs it does at a time; a cluster may grow."""
     if scheduler is not None:
         with _cluster(workers, scheduler) as found:
             yield found
@@ -116,7 +116,7 @@ def _cluster(workers: int, scheduler: str) -> Iterator[tuple[Executor, Size]]:
 
 
 def _check_installed(client: "Client") -> None:
-    """`DatasetError` where this package is missing: a worker would die of its job, unheard."""
+    """`DatasetError` where this package is missing: a worker would die of its job silently."""
 
     def has_it() -> bool:  # pickled by value, being local
         return find_spec("tuners") is not None

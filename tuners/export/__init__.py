@@ -1,4 +1,4 @@
-"""From gains and tuners to what runs elsewhere, for vehicles and any other plant.
+"""Write gains and tuners for other programs: C, MATLAB, JSON and ONNX.
 
 ========  ==============================  ===========================================
 target    source                          written
@@ -16,40 +16,42 @@ onnx      tuner with Laguerre features    one graph, from the measured output to
 onnx      the same, ``features=True``     one graph, from features to gains
 ========  ==============================  ===========================================
 
-A frequency response made of Laguerre coefficients is as good as these, and so are they where the
-prior regularises them.  Where every episode has an input of its own, ``onnx`` is the last line
-alone.
+Features on Laguerre functions are their coefficients, principal components of these, or a
+frequency response made of these.  Where every episode has an input of its own, ``onnx`` is the
+last line alone.  Only this package knows other programs' languages; its templates are in
+``templates/``.
 """
 
 import os
 from pathlib import Path
 from typing import Any
 
-from tuners.export.compressor_source import compressor_source
 from tuners.export.digital_pi import DigitalPI
 from tuners.export.documents import gains_text, json_text, matlab_script
-from tuners.export.gains import Gains
+from tuners.export.features_program import features_program
+from tuners.export.gains import Gains, plant_settings
 from tuners.export.onnx_tuner import onnx_model
-from tuners.export.pi_source import c_source
-from tuners.export.tuner_source import first_stage_source, tuner_source
-from tuners.tuner.plant_tuner import PlantTuner
+from tuners.export.pi_program import REALS, pi_program
+from tuners.export.tuner_program import first_stage_program, tuner_program
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.files import check_regular, replacing, write_text
+from yawrate_env.plant.plant import Plant
 
 __all__ = [
     "TARGETS",
     "DigitalPI",
     "Gains",
-    "c_source",
-    "compressor_source",
     "export",
-    "first_stage_source",
+    "features_program",
+    "first_stage_program",
     "gains_text",
     "json_text",
     "matlab_script",
     "onnx_model",
-    "tuner_source",
+    "pi_program",
+    "plant_settings",
+    "tuner_program",
 ]
 
 TARGETS = ("c", "matlab", "json", "onnx")
@@ -60,6 +62,7 @@ def export(
     target: str,
     path: str | os.PathLike[str],
     *,
+    plant: Plant | None = None,
     Ts: float | None = None,
     limits: tuple[float, float] | None = None,
     real: str = "double",
@@ -69,24 +72,25 @@ def export(
 
     Parameters
     ----------
-    source : TuningResult, PlantResult, Gains, (kp, Ti), Tuner or PlantTuner
-        What to export: targets ``matlab`` and ``json`` want gains, ``onnx`` a tuner, ``c``
-        takes both.
+    source : Result, Gains, (kp, Ti) or Tuner
+        What to export: targets ``matlab`` and ``json`` take gains, ``onnx`` a tuner, ``c`` both.
     target : {"c", "matlab", "json", "onnx"}
-        What for.
+        Language of the files.
     path : path
         File to write; for ``c`` the folder, made if it is missing.
+    plant : Plant, optional
+        Whose gains a pair (kp, Ti) are: it knows sampling time, limits and units.
     Ts : float, optional
-        Sampling time of the controller [s]; that of the plant's loop or else of its
-        experiment if not given, 0.01 s for a vehicle.
+        Sampling time of the controller [s]; by default that of the plant's loop, or else of its
+        experiment.
     limits : (float, float), optional
-        Least and largest command of the controller, in its own unit; 30 deg to both sides if
-        not given for a vehicle.
+        Least and largest command of the controller, in its own unit; by default the plant's
+        ``command_limits``.
     real : {"double", "float"}
         Numbers of the controller in C.
     features : bool
         Cut a tuner at its features: ``c`` ends there, and the ``onnx`` graph begins there,
-        for any other input than that of the tuner's own experiment.
+        for other inputs than that of the tuner's experiment.
 
     Returns
     -------
@@ -96,19 +100,19 @@ def export(
     Raises
     ------
     ValueError
-        The source cannot be exported so; the message says what can.
+        The source cannot be exported to this target; the message says what can.
     """
     validation.one_of("target", target, TARGETS)
-    validation.one_of("real", real, ("double", "float"))
+    validation.one_of("real", real, REALS)
     where = Path(path)
     if target == "onnx":
         return _write_onnx(source, where, features)
-    if target == "c" and isinstance(source, Tuner | PlantTuner):
-        files = first_stage_source(source) if features else tuner_source(source)
+    if target == "c" and isinstance(source, Tuner):
+        files = first_stage_program(source) if features else tuner_program(source)
         return _write_all(where, files)
-    gains = Gains.of(source)
+    gains = Gains.of(source, plant)
     if target == "c":
-        return _write_all(where, c_source(gains.pi(Ts, limits), real=real))
+        return _write_all(where, pi_program(gains.pi(Ts, limits), real=real))
     if target == "matlab":
         text = matlab_script(gains.pi(Ts, limits))
     elif limits is None and (gains.limits is None or gains.refusal):

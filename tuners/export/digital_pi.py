@@ -1,7 +1,7 @@
 """The PI as a program runs it: one state, saturation, back-calculation, bumpless start.
 
-    wanted = n1 e + x,   u = min(max(wanted, low), high)
-    x      <- x + Ts n0 e + Ts/Tt (u - wanted)
+    v = n1 e + x,   u = min(max(v, low), high)
+    x <- x + Ts n0 e + Ts/Tt (u - v)
 
 with n1 = kp (1 + Ts/(2 Ti)) and n0 = kp/Ti: between the limits this is exactly the Tustin PI
 of `yawrate_env.loop.controller`.  At a limit the last term (Astrom and Hagglund, *Advanced PID
@@ -20,12 +20,6 @@ from yawrate_env.plant.names import split
 
 Array = NDArray[np.float64]
 
-LIMITS = (float(np.radians(-30.0)), float(np.radians(30.0)))
-"""Road-wheel angle that the actuator is asked for, unless said otherwise [rad]."""
-
-SIGNALS = ("steering command [rad]", "yaw rate [rad/s]")
-"""A vehicle's command, and what its loop controls."""
-
 SLOWEST = 1e3  # [s]
 _LEAST, _LARGEST = (float(x) for x in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
 
@@ -43,15 +37,15 @@ class DigitalPI:
     low, high : float
         Least and largest command, in its own unit.
     signals : tuple of str
-        What the command and the measured output are called, with their units in brackets.
+        Names of the command and the measured output, with their units in brackets.
     """
 
     kp: float
     Ti: float
     Ts: float
-    low: float = LIMITS[0]
-    high: float = LIMITS[1]
-    signals: tuple[str, str] = SIGNALS
+    low: float
+    high: float
+    signals: tuple[str, str] = ("u", "y")
 
     def __post_init__(self) -> None:
         for name in ("kp", "Ti"):
@@ -88,7 +82,7 @@ class DigitalPI:
 
     @property
     def step(self) -> float:
-        """Ts n0, what the error adds to the state."""
+        """Ts n0, the gain from the error to the state."""
         return float(self.Ts * self._coefficients()[1])
 
     @property
@@ -101,22 +95,22 @@ class DigitalPI:
         return [self.gain, self.step - self.gain], [1.0, -1.0]
 
     def run(self, errors: Array, *, start: tuple[float, float] = (0.0, 0.0)) -> Array:
-        """Commands (N,) for errors (N,); the program's reference.
+        """Commands (N,) for errors (N,); what exported programs must reproduce.
 
         Parameters
         ----------
         start : (float, float)
-            Error and command at the start: the first command is that one if the first
-            error is.
+            Error and command before the first sample: if the first error is the same, so is
+            the first command.
         """
         output = min(max(start[1], self.low), self.high)
         state = output - self.gain * start[0]
         commands = np.empty(len(errors))
         for k, error in enumerate(errors):
             if np.isfinite(error):
-                wanted = self.gain * error + state
-                output = min(max(wanted, self.low), self.high)
-                state += self.step * error + self.tracking * (output - wanted)
+                unlimited = self.gain * error + state
+                output = min(max(unlimited, self.low), self.high)
+                state += self.step * error + self.tracking * (output - unlimited)
             commands[k] = output
         return commands
 
@@ -125,6 +119,6 @@ class DigitalPI:
 
 
 def unit(signal: str) -> str:
-    """What a signal's name has in brackets."""
+    """A signal's unit, the part of its name in brackets."""
     name, bracket = split(signal.strip())
     return bracket or f"unit of {name}"

@@ -1,4 +1,4 @@
-"""One controller in the forms that people type into their own: gains and a difference equation."""
+"""A PI controller in its usual forms: parallel, standard, and a difference equation."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ class Forms:
         controller of eq. (13) has no integral gain, ``nan``.
     a1, b0, b1 : float
         ``u[k] = -a1 u[k-1] + b0 e[k] + b1 e[k-1]``, with ``e`` the reference minus the
-        yaw rate.
+        measured output.
     Ts : float
         Sampling time [s].
     """
@@ -42,7 +42,7 @@ class Forms:
 
     @property
     def equation(self) -> str:
-        """The difference equation, in words of a program."""
+        """The difference equation as text."""
         last = "u[k-1]" if self.a1 == -1 else f"{-self.a1:.6g} u[k-1]"
         sign = "-" if self.b1 < 0 else "+"
         return f"u[k] = {last} + {self.b0:.6g} e[k] {sign} {abs(self.b1):.6g} e[k-1]"

@@ -1,24 +1,22 @@
-"""Gains by name, from whatever has them, and what is known of the loop that they are for."""
+"""Gains by name, and what is known of their loop."""
 
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
-from tuners.export.digital_pi import LIMITS, SIGNALS, SLOWEST, DigitalPI, unit
-from tuners.tuner.plant_result import PlantResult
+from tuners.export.digital_pi import SLOWEST, DigitalPI, unit
+from tuners.tuner.result import Result
 from yawrate_env import validation
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.pi_loop import GAINS
+from yawrate_env.plant.plant import Plant
 
 Limits = tuple[float, float]
-
-OF_VEHICLES = 0.01
-"""Sampling time of a vehicle's controller, where nothing else is said [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,22 +27,22 @@ class Gains:
     ----------
     values : dict
         By name; ``nan`` where a tuner found none.
-    Ts : float
+    Ts : float, optional
         The controller's sampling time [s].
     signals : tuple of str
-        What input and output of the plant are called.
+        Names of the plant's input and output.
     limits : tuple of float, optional
         Least and largest command, where they are known.
     target : Target, optional
-        The loop that the gains shall give, where there is one.
+        The loop's target, where there is one.
     trusted : bool, optional
-        Whether the recording supports them, where one was asked.
+        Whether the recording supports them, where there was one.
     """
 
     values: Mapping[str, float]
-    Ts: float = OF_VEHICLES
-    signals: tuple[str, str] = SIGNALS
-    limits: Limits | None = LIMITS
+    Ts: float | None = None
+    signals: tuple[str, str] = ("u", "y")
+    limits: Limits | None = None
     target: Target | None = None
     trusted: bool | None = None
 
@@ -62,49 +60,49 @@ class Gains:
             validation.flag("trusted", self.trusted)
 
     @classmethod
-    def of(cls, source: Any) -> Self:
-        """From a result, a pair (kp, Ti), or anything with attributes of these names."""
+    def of(cls, source: Any, plant: Plant | None = None) -> Self:
+        """From a result, or a pair (kp, Ti) for a plant."""
         if isinstance(source, cls):
             return source
-        if isinstance(source, PlantResult):
-            plant, target = source.plant, source.plant.parametrisation.target
-            Ts = plant.Ts if target is None else target.Ts
-            return cls(source.gains, Ts, plant.signals, None, target, source.trusted)
-        trusted = getattr(source, "trusted", None)
-        if all(hasattr(source, name) for name in GAINS):
-            source = tuple(getattr(source, name) for name in GAINS)
-        if not isinstance(source, tuple | list) or len(source) != 2:
+        if isinstance(source, Result):
+            return cls.read_plant(source.gains, plant_settings(source.plant), source.trusted)
+        if not isinstance(source, tuple | list) or len(source) != len(GAINS):
             raise ValueError(
-                f"a {type(source).__name__} holds no gains. Tune a recording first and export the "
-                "result, or give (kp, Ti); a tuner itself goes to target onnx or c."
+                f"source: a {type(source).__name__} has no gains. Tune a recording first and "
+                "export the result, or give (kp, Ti); a tuner itself goes to target onnx or c."
             )
-        return cls(dict(zip(GAINS, source, strict=True)), trusted=trusted)
+        values = dict(zip(GAINS, source, strict=True))
+        return cls(values) if plant is None else cls.read_plant(values, plant_settings(plant))
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:
-        """From a file of ``yawrate tune --json``, a vehicle's or a plant's."""
+        """From a file of ``yawrate tune --json``."""
         try:
             content = json.loads(Path(path).read_bytes())
             trusted = validation.flag("trusted", content["trusted"])
-            if "gains" not in content:
-                loop = Target(**content["target"])
-                pair = {name: _number(content[name]) for name in GAINS}
-                return cls(pair, loop.Ts, target=loop, trusted=trusted)
-            values = {name: _number(value) for name, value in content["gains"].items()}
-            plant = content["plant"]
-            target = None if plant["target"] is None else Target(**plant["target"])
-            Ts = _sampling_time(plant["Ts"]) if target is None else target.Ts
-            first, second = plant["signals"]
-            return cls(values, Ts, (first, second), None, target, trusted)
+            values = {k: np.nan if v is None else v for k, v in content["gains"].items()}
+            return cls.read_plant(values, content["plant"], trusted)
         except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
             raise ValueError(
                 f"{path} is no answer of `yawrate tune --json` ({type(error).__name__}: {error}). "
                 "Tune the log again."
             ) from None
 
+    @classmethod
+    def read_plant(
+        cls, values: Mapping[str, float], plant: Mapping[str, Any], trusted: bool | None = None
+    ) -> Self:
+        """Gains for a plant of which `plant_settings` are known."""
+        target = None if plant["target"] is None else Target(**plant["target"])
+        Ts = sampling_time(plant["Ts"]) if target is None else target.Ts
+        input_, output = plant["signals"]
+        limits = plant.get("command_limits")
+        known = None if limits is None else _pair(limits, input_)
+        return cls(values, Ts, (input_, output), known, target, trusted)
+
     @property
     def refusal(self) -> str:
-        """Why no controller is written for them; empty where one can be."""
+        """Why no controller can be written for them; empty where one can."""
         instead = "no other controller is written. Export the gains to target json, without limits."
         if set(self.values) != set(GAINS):
             return f"gains {', '.join(self.values)} are not a PI's kp and Ti, and {instead}"
@@ -112,32 +110,28 @@ class Gains:
         return "" if form == "pi" else f"controller {form!r} is no PI, and {instead}"
 
     def pi(self, Ts: float | None = None, limits: Limits | None = None) -> DigitalPI:
-        """The controller, or ``ValueError`` where the gains are no PI's or its limits unknown."""
+        """The controller; ``ValueError`` where the gains are no PI's or its limits unknown."""
         if self.refusal:
             raise ValueError(self.refusal)
-        values = *(self.values[name] for name in GAINS), self.sampling(Ts), *self._limits(limits)
-        names = "kp", "Ti", "Ts", "low", "high"
-        kp, Ti, Ts, low, high = map(validation.number, names, values)
-        return DigitalPI(kp, Ti, Ts, low, high, self.signals)
-
-    def sampling(self, Ts: float | None) -> float:
-        """The controller's sampling time, where another one is not given."""
-        return _sampling_time(self.Ts if Ts is None else Ts)
+        chosen = self.Ts if Ts is None else Ts
+        if chosen is None:
+            raise ValueError("Ts of the controller is missing: give it in seconds, Ts= (--Ts).")
+        kp, Ti = (validation.number(name, self.values[name]) for name in GAINS)
+        low, high = self._limits(limits)
+        return DigitalPI(kp, Ti, sampling_time(chosen), low, high, self.signals)
 
     def _limits(self, given: Limits | None) -> Limits:
-        """Those given or known, checked as far as they are a vehicle's."""
-        low_high = self.limits if given is None else given
+        """Those given, or else known."""
         command = self.signals[0]
-        if low_high is None:
+        if given is None and self.limits is None:
             raise ValueError(
-                f"a controller needs the limits of {command}: give limits=(low, high) "
-                "(--limits LOW HIGH), or export the gains to target json."
+                f"limits of {command} are missing: give limits=(low, high) (--limits LOW HIGH), or "
+                "export the gains to target json."
             )
-        if np.shape(low_high) != (2,):
-            raise ValueError(f"limits = {low_high!r} must be two numbers, (low, high) in "
-                             f"{unit(command)}.")  # fmt: skip
-        low, high = map(validation.number, ("low", "high"), low_high)
-        if self.limits is not None and not low < 0.0 < high:
+        if given is None or self.limits is None:
+            return _pair(given or self.limits, command)
+        low, high = _pair(given, command)
+        if self.limits[0] < 0.0 < self.limits[1] and not low < 0.0 < high:
             raise ValueError(
                 f"limits = [{low:g}, {high:g}] must have low below 0 and high above. Give the "
                 f"least and the largest command in {unit(command)}."
@@ -145,10 +139,26 @@ class Gains:
         return low, high
 
 
-def _number(value: Any) -> Any:
-    """JSON's value, or ``nan`` for its null."""
-    return np.nan if value is None else value
+def plant_settings(plant: Plant) -> dict[str, Any]:
+    """What a controller must know of its plant, as plain JSON values."""
+    target = plant.parametrisation.target
+    return {
+        "signals": list(plant.signals),
+        "Ts": plant.Ts,
+        "target": None if target is None else asdict(target),
+        "command_limits": plant.command_limits and list(plant.command_limits),
+    }
 
 
-def _sampling_time(value: Any) -> float:
+def sampling_time(value: Any) -> float:
+    """A controller's sampling time [s], or ``ValueError``."""
     return validation.number("Ts", value, above=0.0, at_most=SLOWEST, remedy="Give it in seconds.")
+
+
+def _pair(limits: Any, command: str) -> Limits:
+    if np.shape(limits) != (2,):
+        raise ValueError(
+            f"limits = {limits!r} must be two numbers, (low, high) in {unit(command)}."
+        )
+    low, high = map(validation.number, ("low", "high"), limits)
+    return low, high

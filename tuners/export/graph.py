@@ -1,4 +1,4 @@
-"""A little around ``onnx.helper``: nodes that name themselves, constants in double precision."""
+"""Build ONNX graphs: ``onnx.helper`` with automatic names and constants in double precision."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ OPSET, ML_OPSET, IR_VERSION = 17, 3, 9
 
 
 class Graph:
-    """An ONNX graph in the making."""
+    """Nodes and constants of an ONNX graph."""
 
     def __init__(self) -> None:
         self.nodes: list[Any] = []
@@ -89,6 +89,6 @@ class Graph:
         names = Counter([*inputs, *made, *(constant.name for constant in self.constants)])
         if twice := [name for name, times in names.items() if times > 1]:
             raise ValueError(
-                f"{twice[0]!r} would be the name of two tensors of the graph. Rename the plant's "
-                "signal, parameter or gain."
+                f"{twice[0]!r} would name two tensors of the graph. Rename the plant's signal, "
+                "parameter or gain."
             )

@@ -7,6 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+def digits(value: float) -> str:
+    """A number to be read in a comment."""
+    return f"{value:.9g}"
+
+
 def number(value: float, real: str = "double") -> str:
     """A literal that reads back as the same number; it must be finite, also in `real`."""
     single = real == "float"
@@ -29,22 +34,23 @@ def sample(value: float, real: str = "double") -> str:
 
 def rows(values: Iterable[float], real: str = "double") -> str:
     """The inside of a signal's initialiser, four numbers a line."""
-    words = [sample(value, real) for value in values]
-    return ",\n".join("    " + ", ".join(words[i : i + 4]) for i in range(0, len(words), 4))
+    texts = [sample(value, real) for value in values]
+    return ",\n".join("    " + ", ".join(texts[i : i + 4]) for i in range(0, len(texts), 4))
 
 
-def table(values: NDArray[np.float64]) -> str:
+def table(values: Iterable[NDArray[np.float64]]) -> str:
     """The inside of a matrix' initialiser, one row after the other."""
     return ",\n".join(f"    {{\n{rows(row)}\n    }}" for row in values)
 
 
 def comment(text: str) -> str:
-    """What somebody calls a signal or a gain, where it can neither end a comment nor a line.
+    """A signal's or a gain's name for a comment, which it cannot end; on one line.
 
-    What cannot be seen, or turns around what can, or is no text at all, is a question mark.
+    Characters that are not printable, such as those that reverse the direction of text, become
+    question marks.
     """
-    seen = "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
-    return seen.replace("*/", "* /").replace("/*", "/ *")
+    printable = "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+    return printable.replace("*/", "* /").replace("/*", "/ *")
 
 
 def check_name(name: str) -> None:

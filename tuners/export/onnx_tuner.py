@@ -5,16 +5,16 @@ tensor         shape                     meaning
 =============  ========================  ==============================================
 the output     (episodes, N)             input, called as the plant calls its output,
                                          without the unit: ``yaw_rate``, ``y``
-features       (episodes, n)             input instead of it, if asked for: what the
-                                         first stage makes of a recording
-what is        (episodes,) each          further inputs, by name and in their own unit:
-measured                                 ``v_x``
+features       (episodes, n)             input instead of it, if asked for: the first
+                                         stage's features of a recording
+measured       (episodes,) each          further inputs, by name and in their own unit:
+parameters                               ``v_x``
 the gains      (episodes,) each          by name; ``nan`` where there are none
 status         (episodes,) int64         of `yawrate_env.loop.design.Status`
 =============  ========================  ==============================================
 
 For a known input the first stage begins with a matrix: the graph holds that of the
-experiment.  For any other, `tuners.export.compressor_source` does it in C, and the graph
+experiment.  For any other, `tuners.export.features_program` writes it in C, and the graph
 begins at the features.
 """
 
@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.export.graph import Graph
-from tuners.export.parts import Parts
+from tuners.export.parts import Parts, feature_count
 from tuners.export.trees import ensemble
-from tuners.features.laguerre import lifted
+from tuners.features.laguerre import Laguerre, lifted
 from tuners.features.regularised import Regularised
 from tuners.features.response import FrequencyResponse
 from tuners.learners import Learner
@@ -49,8 +49,8 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
 
     Parameters
     ----------
-    tuner : TwoStage or PlantTuner
-        With Laguerre features, regularised or not, or a frequency response made of these.
+    tuner : Tuner
+        With features on Laguerre functions.
     features : bool
         Begin at the features instead of the output.
 
@@ -63,14 +63,14 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
     plant, inputs = parts.plant, {}
     if features:
         X = "features"
-        inputs[X] = ["episodes", parts.features]
+        inputs[X] = ["episodes", feature_count(parts.features)]
     else:
         output = plain_name(plant.signals[1])
         inputs[output] = ["episodes", len(plant.u)]
         X = _first_stage(graph, output, parts)
     inputs |= {name: ["episodes"] for name in plant.measured_names}
-    X = graph.joined(X, *(_shown(graph, plant, name) for name in plant.measured_names))
-    _decode(graph, _learner(graph, parts.learner, X), X, plant)
+    X = graph.joined(X, *(_measured(graph, plant, name) for name in plant.measured_names))
+    _decode(graph, _learner(graph, parts.learner, X), X, parts)
     from onnx import TensorProto
 
     outputs = dict.fromkeys(plant.gains, TensorProto.DOUBLE) | {"status": TensorProto.INT64}
@@ -85,13 +85,14 @@ def plain_name(signal: str) -> str:
 
 def _first_stage(graph: Graph, output: str, parts: Parts) -> str:
     """Features of outputs of the experiment; (episodes, n)."""
-    plant, stage = parts.plant, parts.compressor
+    plant, stage = parts.plant, parts.features
     if plant.excite is not None:
         raise ValueError(
             "every episode has an input of its own, and the first stage is no constant matrix. "
             "Export with features=True (--features), and the first stage to target c."
         )
-    into, phi = graph.constant, parts.laguerre.regressors(plant.u[None], plant.Ts)[0]
+    functions = Laguerre(stage.order, stage.pole)
+    into, phi = graph.constant, functions.regressors(plant.u[None], plant.Ts)[0]
     gram = phi @ phi.T
     if isinstance(stage, Regularised):
         matrix, offset = stage.linear(gram)
@@ -105,16 +106,16 @@ def _first_stage(graph: Graph, output: str, parts: Parts) -> str:
 
 def _texts(parts: Parts) -> dict[str, str]:
     """Metadata."""
-    texts, target = {"Ts": repr(parts.plant.Ts)}, parts.plant.parametrisation.target
+    texts, target = {"Ts": repr(parts.plant.Ts)}, parts.parametrisation.target
     if target is not None:
         texts["Ts_control"] = repr(target.Ts)
         texts["phase_margin"] = repr(target.phase_margin)
         texts["crossover"] = repr(target.crossover)
-    return texts | {"laguerre_pole": repr(parts.compressor.pole)}
+    return texts | {"laguerre_pole": repr(parts.features.pole)}
 
 
-def _shown(graph: Graph, plant: Plant, name: str) -> str:
-    """A measured parameter's feature, as `Plant.shown` has it; (episodes, 1)."""
+def _measured(graph: Graph, plant: Plant, name: str) -> str:
+    """A measured parameter's feature, as `Plant.measured_features` has it; (episodes, 1)."""
     value = graph.apply("Log", name) if plant.prior[name][0] > 0 else name
     return graph.apply("Unsqueeze", value, graph.constant([1], np.int64))
 
@@ -143,10 +144,10 @@ def _angle(graph: Graph, re: str, im: str) -> str:
 
     into, zero = graph.constant, graph.constant(0.0)
     half = graph.apply("Where", graph.apply("GreaterOrEqual", im, zero), into(np.pi), into(-np.pi))
-    behind = graph.apply("Where", graph.apply("Less", re, zero), half, zero)
+    left = graph.apply("Where", graph.apply("Less", re, zero), half, zero)
     slope = graph.apply("Cast", graph.apply("Div", im, re), to=TensorProto.FLOAT)
     near = graph.apply("Cast", graph.apply("Atan", slope), to=TensorProto.DOUBLE)
-    rough = graph.apply("Add", near, behind)
+    rough = graph.apply("Add", near, left)
     cos, sin = graph.apply("Cos", rough), graph.apply("Sin", rough)
     products = [graph.apply("Mul", a, b) for a, b in ((im, cos), (re, sin), (re, cos), (im, sin))]
     rest = graph.apply("Div", graph.apply("Sub", *products[:2]), graph.apply("Add", *products[2:]))
@@ -193,13 +194,15 @@ def _network(graph: Graph, network: FeedForward, X: str) -> str:
 
 
 def _agent(graph: Graph, agent: Agent, X: str) -> str:
-    """Standardised features in single precision, a perceptron, the range; (episodes, targets)."""
+    """Standardised features in single precision, a perceptron, the bounds; (episodes, targets)."""
     from onnx import TensorProto
 
     into, actor = graph.constant, agent.actor
     scaled = graph.apply("Div", graph.apply("Sub", X, into(agent.mean)), into(agent.scale))
-    seen = graph.apply("Clip", scaled, into(-LIMIT), into(LIMIT))
-    x = graph.apply("Cast", graph.apply("Cast", seen, to=TensorProto.FLOAT), to=TensorProto.DOUBLE)
+    clipped = graph.apply("Clip", scaled, into(-LIMIT), into(LIMIT))
+    x = graph.apply(
+        "Cast", graph.apply("Cast", clipped, to=TensorProto.FLOAT), to=TensorProto.DOUBLE
+    )
     for i, (weight, bias) in enumerate(actor.layers):
         x = graph.apply("Relu" if actor.hidden == "relu" else "Tanh", x) if i else x
         x = graph.apply("Gemm", x, into(weight), into(bias), transB=1)
@@ -220,12 +223,11 @@ def _trees(graph: Graph, gbm: GBM, X: str) -> str:
     return graph.apply("Add", scaled, graph.constant(gbm.mean))
 
 
-def _decode(graph: Graph, values: str, X: str, plant: Plant) -> None:
-    """Gains and status from predicted targets and their features, as `Coordinates.decode` does."""
-    into, zero, target = graph.constant, graph.constant(0.0), plant.parametrisation.target
-    columns = [
-        graph.apply("Gather", values, into(i, np.int64), axis=1) for i in range(len(plant.gains))
-    ]
+def _decode(graph: Graph, values: str, X: str, parts: Parts) -> None:
+    """Gains and status from predicted coordinates and their features, as `Parts.answer` does."""
+    into, zero, target = graph.constant, graph.constant(0.0), parts.parametrisation.target
+    names = parts.plant.gains
+    columns = [graph.apply("Gather", values, into(i, np.int64), axis=1) for i in range(len(names))]
     reached, unreachable = into(int(Status.OK), np.int64), into(int(Status.UNREACHABLE), np.int64)
     rest = graph.apply("ReduceSum", graph.apply("Sub", X, X), into([1], np.int64), keepdims=0)
     found = graph.apply("Equal", rest, zero)  # what is not finite leaves itself not 0
@@ -236,12 +238,12 @@ def _decode(graph: Graph, values: str, X: str, plant: Plant) -> None:
         found = graph.apply("And", found, graph.apply("Greater", columns[1], into(-np.pi / 2)))
         phase = graph.apply("Where", leads, into(-LEAST_LAG), columns[1])
         columns = _controller(graph, columns[0], phase, target)
-    elif plant.parametrisation.decode is LOG.decode:
+    elif parts.parametrisation.decode is LOG.decode:
         columns = [graph.apply("Exp", column) for column in columns]
     for gain in columns:
         for bound in (graph.apply("Greater", gain, zero), graph.apply("Less", gain, into(np.inf))):
             found = graph.apply("And", found, bound)
-    for name, gain in zip(plant.gains, columns, strict=True):
+    for name, gain in zip(names, columns, strict=True):
         graph.apply("Where", found, gain, into(np.nan), output=name)
     graph.apply("Where", found, reached, unreachable, output="status")
 

@@ -1,7 +1,6 @@
-"""What of a tuner is exported: its plant and both trained stages.
+"""The parts of a tuner that exports write: its plant and both trained stages.
 
-A vehicle's tuner is taken as that of its `yawrate_env.vehicle.yaw_rate` plant.  What leaves Python answers as
-`PlantTuner.gains` does, for recordings from rest and without offsets.
+An export answers as the stages do, for recordings from rest and without offsets.
 """
 
 from dataclasses import dataclass
@@ -17,23 +16,20 @@ from tuners.learners import Learner
 from tuners.learners.actor import Agent
 from tuners.learners.feedforward import FeedForward
 from tuners.learners.trend import Trend
-from tuners.tuner.coordinates import decode
-from tuners.tuner.plant_tuner import PlantTuner
+from tuners.tuner.stages import Stages, coordinates_of
 from tuners.tuner.tuner import Tuner
-from tuners.tuner.two_stage import TwoStage
-from yawrate_env.loop.design import Status
-from yawrate_env.plant.parametrisation import LOG, PLAIN
+from yawrate_env.loop.design import Status, design_from_response
+from yawrate_env.plant.parametrisation import GAINS, LOG, Parametrisation
 from yawrate_env.plant.plant import Plant
-from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 
 OnLaguerre = Laguerre | Regularised | FrequencyResponse
-"""First stages that start from the same sums: coefficients, and what is made of them."""
+"""First stages that begin with the same sums."""
 
 _EXPORTED = (
-    "Export ts-ff-lag or ts-gbm-lag, ts-ff-lag-vx, or one trained with Laguerre features, as "
-    "plants.train does it by default."
+    "Export ts-ff-lag, ts-gbm-lag, ts-ff-lag-vx, or a tuner with Laguerre features, as "
+    "tuners.train(plant) gives by default."
 )
 
 
@@ -45,58 +41,49 @@ class Parts:
     ----------
     plant : Plant
         What it was trained for.
-    compressor : Laguerre, Regularised or FrequencyResponse
+    features : Laguerre, Regularised or FrequencyResponse
         First stage.
-    learner : FeedForward, GBM or Trend
+    learner : FeedForward, GBM, Trend or Agent
         Second stage.
+    parametrisation : Parametrisation
+        Of the gains: what the learner predicts.
     """
 
     plant: Plant
-    compressor: OnLaguerre
+    features: OnLaguerre
     learner: Learner
+    parametrisation: Parametrisation
 
     @classmethod
     def of(cls, tuner: Any) -> Self:
         """A tuner's, or ``ValueError`` where it cannot be exported; the message says why."""
-        if not isinstance(tuner, Tuner | PlantTuner):
+        if not isinstance(tuner, Tuner):
             raise ValueError(
-                f"a {type(tuner).__name__} is not exported as a graph: target onnx needs a tuner "
-                f"(--tuner). {_EXPORTED}"
-            )
-        if not isinstance(tuner, TwoStage | PlantTuner):
-            raise ValueError(
-                f"a tuner of kind {tuner.kind!r} is not exported: it is no two-stage tuner. "
+                f"source is a {type(tuner).__name__}: target onnx needs a tuner (--tuner). "
                 f"{_EXPORTED}"
             )
-        stages = tuner.stages
-        if not isinstance(stages.compressor, OnLaguerre):
-            name = type(stages.compressor).__name__
+        stages = tuner.method
+        if not isinstance(stages, Stages):
             raise ValueError(
-                f"a tuner of kind {tuner.kind!r} is not exported: its first stage is {name}, and "
-                f"only those on Laguerre functions leave Python. {_EXPORTED}"
+                f"tuner {tuner!r} cannot be exported: its method is a "
+                f"{type(stages).__name__}, not two stages. {_EXPORTED}"
             )
-        if isinstance(tuner, TwoStage):
-            plant = yaw_rate(tuner.task, tuner.coordinates)
-        else:
-            plant = tuner.plant
-        parts = cls(plant, stages.compressor, stages.learner)
+        if not isinstance(stages.features, OnLaguerre):
+            raise ValueError(
+                f"tuner {tuner!r} cannot be exported: its features are "
+                f"{type(stages.features).__name__}, and only those on Laguerre functions can. "
+                f"{_EXPORTED}"
+            )
+        plant = tuner.plant
+        chosen = coordinates_of(plant, stages.parametrisation)
+        parts = cls(plant, stages.features, stages.learner, chosen)
         parts._check()
         return parts
 
     @property
-    def features(self) -> int:
-        """How many the first stage gives."""
-        return feature_count(self.compressor)
-
-    @property
     def width(self) -> int:
-        """How many the learner takes: further ones come from what is measured."""
-        return self.features + len(self.plant.measured_names)
-
-    @property
-    def laguerre(self) -> Laguerre:
-        """The functions that the first stage fits."""
-        return Laguerre(self.compressor.order, self.compressor.pole)
+        """How many features the learner takes: the recording's and the measured parameters."""
+        return feature_count(self.features) + len(self.plant.measured_names)
 
     def answer(self, features: Array, theta: Array) -> tuple[Array, NDArray[np.int64]]:
         """Gains (B, k) for features (B, n), and a `Status` each: what every export must give.
@@ -104,42 +91,43 @@ class Parts:
         Parameters
         ----------
         theta : (B, p) float64
-            Parameters of which those that are measured are looked at.
+            Parameters, of which the measured ones are used.
         """
         X = np.concatenate([features, self.plant.measured_features(theta)], axis=1)
         finite = np.isfinite(X)
-        values, coordinates = self.learner(np.where(finite, X, 0.0)), self.plant.parametrisation
-        gains = np.where(finite.all(axis=1, keepdims=True), coordinates.decode(values), np.nan)
-        status = np.zeros(len(values), np.int64)
-        if coordinates.target is not None:
-            status = decode(values, coordinates.target, "loop").status
+        values, target = self.learner(np.where(finite, X, 0.0)), self.parametrisation.target
+        decoded = self.parametrisation.decode(values)
+        gains = np.where(finite.all(axis=1, keepdims=True), decoded, np.nan)
+        status = np.full(len(values), int(Status.OK))
+        if target is not None:
+            with np.errstate(over="ignore"):  # features far from all that was learned
+                status = design_from_response(values[:, 0], values[:, 1], target).status
         return gains, np.where(np.isfinite(gains).all(axis=1), status, int(Status.UNREACHABLE))
 
     def _check(self) -> None:
-        coordinates, beside = self.plant.parametrisation, self.plant.measured_names
-        if coordinates.target is None and coordinates.decode not in (LOG.decode, PLAIN.decode):
+        chosen = self.parametrisation
+        if chosen.target is None and chosen.decode not in (LOG.decode, GAINS.decode):
             raise ValueError(
-                "the plant's coordinates are its own, and their decode is Python that no other "
-                "program knows. Export with plants.LOG or plants.loop(target), or use the tuner "
-                "in Python."
+                "parametrisation: the plant has its own decode function, which no other program "
+                "knows. Export with LOG, GAINS or loop(target), or use the tuner in Python."
             )
         if (trained := _width(self.learner)) != self.width:
             raise ValueError(
-                f"the learner has {trained} features, {self.features} of them from the recording "
-                f"and {len(beside)} from what is measured: these are not all. Train it again for "
-                "this plant."
+                f"the learner has {trained} features, but the recording gives "
+                f"{feature_count(self.features)} and the measured parameters "
+                f"{len(self.plant.measured_names)}. Train it again for this plant."
             )
 
 
-def feature_count(compressor: OnLaguerre) -> int:
+def feature_count(stage: OnLaguerre) -> int:
     """How many features a first stage gives."""
-    match compressor:
+    match stage:
         case Laguerre():
-            return compressor.order
+            return stage.order
         case Regularised():
-            return len(compressor.directions)
+            return len(stage.directions)
         case FrequencyResponse():
-            return 2 * compressor.points
+            return 2 * stage.points
 
 
 def _width(learner: Learner) -> int:

@@ -131,7 +131,7 @@ def simulated(theta: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.
 
 @dataclass(frozen=True, slots=True)
 class Armax:
-    """Compressor: the six ARMAX coefficients of an episode.
+    """First stage: the six ARMAX coefficients of an episode.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""First stage, the alternative: linear least squares on Laguerre functions.
+"""First stage: linear least squares on Laguerre functions.
 
 The output is regressed on the input filtered by the discrete Laguerre functions
 (Wahlberg, 1991) with pole ``a = exp(-pole Ts)``,
@@ -37,7 +37,7 @@ _EPISODES = 16
 
 @dataclass(frozen=True, slots=True)
 class Laguerre:
-    """Compressor: coefficients on Laguerre functions.
+    """First stage: coefficients on Laguerre functions.
 
     Attributes
     ----------
@@ -143,12 +143,12 @@ def _right_sides(phi: Array, y: Array) -> Array:
 
 
 def moved(u: Array) -> NDArray[np.bool_]:
-    """Which inputs (B, N) move anything that is recorded: their last sample comes too late."""
+    """Which inputs (B, N) excite a recorded output; the last sample comes too late."""
     return np.asarray(u[:, :-1].any(axis=1))
 
 
 def lifted(gram: Array) -> Array:
-    """Gram matrices (..., n, n) that an input of zeros, which has no solution, leaves regular.
+    """Gram matrices (..., n, n), kept regular for an input of zeros.
 
     Orthonormal functions and a broad-band input keep the normal equations well
     conditioned; they are several times faster than a decomposition of the regressors.

@@ -1,4 +1,4 @@
-"""First stage where every episode has another input: least squares that knows the simulations.
+"""First stage for inputs that differ between episodes: least squares regularised by simulations.
 
 Each input leaves other combinations of Laguerre coefficients in the noise, and a learner that
 sees the coefficients alone cannot know which.  Simulated plants have theirs in few directions
@@ -33,7 +33,7 @@ _DIGITS = 1e-4  # of the largest component's spread: others are rounding
 
 @dataclass(frozen=True, slots=True)
 class Regularised:
-    """Compressor: principal components of Laguerre coefficients.
+    """First stage: principal components of Laguerre coefficients.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Regularised:
 
 
 def regularised(functions: Laguerre, gram: Array, right: Array, variance: Array) -> Regularised:
-    """The compressor that knows how simulated plants' coefficients spread.
+    """The first stage that knows how simulated plants' coefficients spread.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class FrequencyResponse:
-    """Compressor: log magnitude and phase [rad] of a Laguerre model.
+    """First stage: log magnitude and phase [rad] of a Laguerre model.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
-"""A second stage that learned from rewards: the actor of an agent, as a learner like any other.
+"""A second stage that learned from rewards: the actor of an agent.
 
-An agent sees standardised features and answers in [-1, 1]; what it was trained around,
-the standardisation and the range of the coordinates, is kept with it.
+An agent observes standardised features and acts in [-1, 1]; the standardisation and the bounds
+of the coordinates are saved with it.
 """
 
 from dataclasses import dataclass
@@ -10,24 +10,20 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from yawrate_env.plant.parametrisation import scale_to_bounds
+
 Array = NDArray[np.float64]
 
 LIMIT = 10.0
 """Standardised features are clipped here, so that the observation space is finite."""
 
 _PAIR = "weight", "bias"
-_AROUND = "mean", "scale", "low", "high"
+_OTHERS = "mean", "scale", "low", "high"
 
 
-def standardised(values: Array, mean: Array, scale: Array) -> NDArray[np.float32]:
-    """Features (B, n) as an agent sees them."""
+def standardise(values: Array, mean: Array, scale: Array) -> NDArray[np.float32]:
+    """Features (B, n) as an agent observes them."""
     return np.clip((values - mean) / scale, -LIMIT, LIMIT).astype(np.float32)
-
-
-def stretched(actions: NDArray[np.floating], low: Array, high: Array) -> Array:
-    """Actions (B, m) in [-1, 1], clipped, to coordinates between `low` and `high` (m,)."""
-    unit = (np.clip(np.asarray(actions, dtype=np.float64), -1, 1) + 1) / 2
-    return np.asarray(low + (high - low) * unit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +54,7 @@ class Actor:
         return np.tanh(x) if self.squashed else np.clip(x, -1, 1)
 
     def arrays(self) -> dict[str, Array]:
-        """``weight0``, ``bias0``, ``weight1``, ...; the rest of it is two words."""
+        """``weight0``, ``bias0``, ``weight1``, ...."""
         pairs = enumerate(self.layers)
         return {f"{n}{i}": a for i, pair in pairs for n, a in zip(_PAIR, pair, strict=True)}
 
@@ -72,7 +68,7 @@ class Actor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agent:
-    """An actor, and what it was trained around.
+    """An actor, with the standardisation of its features and the bounds of its actions.
 
     Attributes
     ----------
@@ -92,14 +88,14 @@ class Agent:
 
     def __call__(self, X: Array) -> Array:
         """Predict (B, m) coordinates from (B, n) features."""
-        actions = self.actor(standardised(X, self.mean, self.scale))
-        return stretched(actions, self.low, self.high)
+        actions = self.actor(standardise(X, self.mean, self.scale))
+        return scale_to_bounds(actions, self.low, self.high)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything there is to save."""
+        """Arrays to save."""
         return {
             **self.actor.arrays(),
-            **{name: getattr(self, name) for name in _AROUND},
+            **{name: getattr(self, name) for name in _OTHERS},
             "tanh": np.array(self.actor.hidden == "tanh"),
             "squashed": np.array(self.actor.squashed),
         }
@@ -109,4 +105,4 @@ class Agent:
         """Rebuild from `arrays`."""
         hidden = "tanh" if arrays["tanh"].item() else "relu"
         actor = Actor.of(arrays, hidden, bool(arrays["squashed"].item()))
-        return cls(actor, *(arrays[name] for name in _AROUND))
+        return cls(actor, *(arrays[name] for name in _OTHERS))

@@ -1,4 +1,4 @@
-"""How many threads torch uses."""
+"""Threads of torch."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """Let torch use so many; small problems are slower with more than one."""
+    """Limit torch's threads in a block; small problems are slower with more than one."""
     import torch
 
     before = torch.get_num_threads()

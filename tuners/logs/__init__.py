@@ -1,8 +1,7 @@
-"""Recordings of real vehicles: files of many formats to evenly sampled SI arrays."""
+"""Recordings of any plant: log files of many formats to evenly sampled arrays in its units."""
 
-from tuners.logs.columns import UNITS, Choice
 from tuners.logs.log import Log, read_log
 from tuners.logs.options import Options
 from tuners.logs.table import LogError, SelectionError
 
-__all__ = ["UNITS", "Choice", "Log", "LogError", "Options", "SelectionError", "read_log"]
+__all__ = ["Log", "LogError", "Options", "SelectionError", "read_log"]

@@ -1,63 +1,61 @@
 """Whether a recording can tell anything, before anything is tuned from it.
 
-What matters is the command's power around the wanted crossover, where the controller will
-be decided.  Refused is what is hopeless; what is merely weak is said, and the tuner's
-intervals show what it costs.
+What matters is the input's power around the crossover, where the controller is decided, in
+proportion to the amplitude of the plant's experiment.  What is hopeless is refused; what is
+merely weak is noted, and the tuner's intervals show what it costs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tuners.logs.table import Array, LogError
-from yawrate_env.vehicle.plausible import (
-    LARGEST_ANGLE,
-    LARGEST_SPEED,
-    LARGEST_YAW_RATE,
-    STEADY,
-    STILL,
-    UNSTEADY,
-)
+from tuners.tuner.recording import STEADY
+from yawrate_env.plant.names import split
+from yawrate_env.plant.plant import Plant
 
 Band = tuple[float, float]
 
-SHORTEST = 3.0
-_WEAK_RMS, _NO_RMS = np.radians(0.1), np.radians(0.002)
-_LINEAR = 4.0  # [m/s^2] of lateral acceleration, beyond which tyres saturate on dry asphalt
+SHORTEST = 0.3
+"""Duration that is needed, in lengths of the experiment."""
+
+_WEAK_RMS, _NO_RMS = 0.1, 0.002  # of the experiment's amplitude
+_STILL = 1e-9  # peak to peak, of the largest absolute value
+_FEW = 4  # changes of the input
 
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """How a recording excites the vehicle.
+    """How a recording excites the plant.
 
     Attributes
     ----------
     duration : float
         [s].
     amplitude : float
-        Half the peak-to-peak command [rad].
-    band : tuple of float
-        Frequencies looked at [Hz].
+        Half the peak-to-peak input.
+    band : tuple of float or None
+        Frequencies looked at [Hz]; None where the plant has no crossover.
     rms : float
-        Of the command within the band [rad].
+        Of the input within the band.
     changes : int
-        How often the command crosses its mean.
+        How often the input crosses its middle.
     notes : tuple of str
         What is weak about it, in words.
     """
 
     duration: float
     amplitude: float
-    band: tuple[float, float]
+    band: Band | None
     rms: float
     changes: int
     notes: tuple[str, ...]
 
 
-def band_around(crossover: float) -> Band:
+def band_of(plant: Plant) -> Band | None:
     """A third to three and a third times the crossover: 0.5 to 5 Hz for 1.5 Hz."""
-    return crossover / 3, crossover * 10 / 3
+    return None if plant.crossover is None else (plant.crossover / 3, plant.crossover * 10 / 3)
 
 
 def in_band(x: Array, Ts: float, band: Band) -> Array:
@@ -68,82 +66,82 @@ def in_band(x: Array, Ts: float, band: Band) -> Array:
     return np.fft.irfft(spectrum, len(x))
 
 
-def rms_in_band(x: Array, Ts: float, band: Band) -> float:
+def rms_in_band(x: Array, Ts: float, band: Band | None) -> float:
     """Root mean square within a band; a squared Hann window keeps slow drift out of it."""
+    if band is None:
+        return float(x.std())
     window = np.hanning(len(x)) ** 2
     part = in_band(window * (x - x.mean()), Ts, band)
     return float(np.sqrt(np.mean(part**2) / np.mean(window**2)))
 
 
-def check(steer: Array, yaw_rate: Array, speed: Array, Ts: float, crossover: float) -> Excitation:
+def check(plant: Plant, u: Array, y: Array, measured: Mapping[str, Array], Ts: float) -> Excitation:
     """Measure the excitation; `LogError` where nothing can be learned."""
-    duration, amplitude = len(steer) * Ts, float(np.ptp(steer)) / 2
-    if duration < SHORTEST:
-        raise LogError(f"{duration:.2f} s are too short; at least {SHORTEST:g} s are needed.")
-    if not np.ptp(steer) > STILL:
-        raise LogError(f"The steering is constant ({np.degrees(steer[0]):.3g} deg): nothing moves.")
-    if not np.ptp(yaw_rate) > STILL:
-        raise LogError(f"The yaw rate is constant ({yaw_rate[0]:.3g} rad/s): is it the right one?")
-    _plausible(steer, yaw_rate, speed)
-    band = band_around(crossover)
-    rms = rms_in_band(steer, Ts, band)
-    within = f"between {band[0]:.2g} and {band[1]:.2g} Hz"
-    if rms < _NO_RMS:
+    _check_length(plant, len(u) * Ts)
+    _check_moving(plant, u, y)
+    _check_plausible(plant, u, y)
+    band, (name, unit) = band_of(plant), split(plant.signals[0])
+    amplitude, expected = np.ptp(u) / 2, np.ptp(plant.u) / 2
+    rms = rms_in_band(u, Ts, band)
+    within = f" between {band[0]:.2g} and {band[1]:.2g} Hz" if band else ""
+    found = f"{rms:.2g} {unit} rms".replace("  ", " ")
+    if rms < _NO_RMS * expected:
         raise LogError(
-            f"The steering hardly moves {within} ({np.degrees(rms):.2g} deg rms): "
-            "nothing can be learned about the crossover. Drive `yawrate excite`'s signal."
+            f"{name} hardly moves{within} ({found}): nothing can be learned about the crossover. "
+            "Record the experiment's input, which `yawrate excite` writes."
         )
-    centred = steer > (steer.max() + steer.min()) / 2
-    changes = int(np.count_nonzero(np.diff(centred)))
-    notes = []
-    if rms < _WEAK_RMS:
-        notes.append(f"Weak excitation: {np.degrees(rms):.2g} deg rms {within}.")
-    if changes < 4:
-        notes.append(f"Little excitation: the steering crosses its middle {_times(changes)}.")
-    lateral = float(np.abs(yaw_rate * speed).max())
-    if lateral > _LINEAR:
-        notes.append(
-            f"Lateral acceleration reaches {lateral:.1f} m/s^2, where tyres are no longer linear."
-        )
-    return Excitation(duration, amplitude, band, rms, changes, tuple(notes))
+    changes, notes = _changes(u), []
+    if rms < _WEAK_RMS * expected:
+        notes.append(f"Weak excitation: {found}{within}.")
+    if changes < min(_FEW, _changes(plant.u)):
+        notes.append(f"Little excitation: {name} crosses its middle {_times(changes)}.")
+    if plant.remarks is not None:
+        notes += plant.remarks(u, y, measured)
+    return Excitation(len(u) * Ts, float(amplitude), band, rms, changes, tuple(notes))
 
 
-def _plausible(steer: Array, yaw_rate: Array, speed: Array) -> None:
-    """Refuse what no car does: a unit that is not the assumed one."""
-    angle, turn = np.degrees(np.abs(steer).max()), np.abs(yaw_rate).max()
-    if angle > np.degrees(LARGEST_ANGLE):
-        raise LogError(
-            f"The steering reaches {angle:.3g} deg at the road wheel. "
-            "Give --steer-unit, or the --steer-ratio of the hand wheel."
-        )
-    if turn > LARGEST_YAW_RATE:
-        raise LogError(f"The yaw rate reaches {turn:.3g} rad/s. Give --yaw-rate-unit.")
-    if not 0 < speed.min() <= speed.max() <= LARGEST_SPEED:
-        raise LogError(
-            f"The speed runs from {speed.min():.3g} to {speed.max():.3g} m/s. "
-            "Give --speed-unit, or choose a stretch with --from and --to."
-        )
-    if np.ptp(speed) > UNSTEADY * speed.mean():
-        raise LogError(
-            f"The speed varies from {speed.min():.3g} to {speed.max():.3g} m/s, more than "
-            f"{UNSTEADY:.0%} of its mean. Choose a steadier stretch with --from and --to."
-        )
+def _check_length(plant: Plant, duration: float) -> None:
+    least = SHORTEST * len(plant.u) * plant.Ts
+    if duration < least:
+        raise LogError(f"{duration:.2f} s are too short; at least {least:g} s are needed.")
+
+
+def _check_moving(plant: Plant, u: Array, y: Array) -> None:
+    """Refuse what can tell nothing; a constant input is a step if that is the experiment."""
+    if _still(u) and (u[0] == 0 or not _still(plant.u)):
+        raise LogError(f"{plant.signals[0]} is constant ({u[0]:.3g}): nothing moves.")
+    if _still(y):
+        raise LogError(f"{plant.signals[1]} is constant ({y[0]:.3g}): is it the right column?")
+
+
+def _check_plausible(plant: Plant, u: Array, y: Array) -> None:
+    """Refuse what the plant never does: mostly, a unit is not the assumed one."""
+    for role, values, signal, largest in zip(
+        ("input", "output"), (u, y), plant.signals, plant.plausible, strict=True
+    ):
+        name, unit = split(signal)
+        reached = float(np.abs(values).max())
+        if reached > largest:
+            raise LogError(
+                f"{name} reaches {reached:.3g} {unit}, at most {largest:.3g} is plausible. "
+                f"Give --{role}-unit or --{role}-scale."
+            )
 
 
 def best_stretch(
-    u: Array, beside: Sequence[Array], Ts: float, band: Band | None, length: float
+    u: Array, steady: Sequence[Array], Ts: float, band: Band | None, length: float
 ) -> tuple[slice, bool]:
     """The `length` [s] of most power, and whether it is less than everything.
 
-    Where there is a stretch over which all that is measured beside the input stays within
-    5 %, only such are considered.
+    Where there is a stretch over which all measured parameters stay within 5 %, only such are
+    considered.
 
     Parameters
     ----------
     u : (N,) float64
         Input.
-    beside : sequence of (N,) float64
-        A speed, say.
+    steady : sequence of (N,) float64
+        Measured parameters.
     band : tuple of float or None
         Where its power counts [Hz]; None counts all that varies.
     """
@@ -155,10 +153,18 @@ def best_stretch(
         moving = in_band(moving, Ts, band)
     power = _variance(moving, samples)
     allowed = np.ones(len(power), dtype=np.bool_)
-    for values in beside:
+    for values in steady:
         allowed &= _variance(values, samples) < (STEADY / 2 * _windowed(values, samples)) ** 2
     start = int(np.argmax(np.where(allowed, power, -1.0) if allowed.any() else power))
     return slice(start, start + samples), True
+
+
+def _still(x: Array) -> bool:
+    return bool(np.ptp(x) <= _STILL * np.abs(x).max())
+
+
+def _changes(u: Array) -> int:
+    return int(np.count_nonzero(np.diff(u > (u.max() + u.min()) / 2)))
 
 
 def _variance(x: Array, samples: int) -> Array:

@@ -8,25 +8,24 @@ from tuners.logs.table import LogError, Table
 
 
 def read_table(path: Path) -> Table:
-    """Read a recording in any known format."""
+    """Read a recording in any known format; the file, which may be a pipe, is read once."""
     try:
-        with open(path, "rb") as file:
-            head = file.read(128)
+        content = path.read_bytes()
     except OSError as error:
         raise LogError(f"{path}: {error.strerror}.") from None
-    if not head:
+    if not content:
         raise LogError(f"{path} is empty.")
     try:
-        return _reader(path, head)(path)
+        return _reader(content, path.suffix)(content)
     except LogError as error:
         raise LogError(f"{path}: {error}") from None
 
 
-def _reader(path: Path, head: bytes) -> Callable[[Path], Table]:
-    if head.startswith(b"PAR1"):
+def _reader(content: bytes, suffix: str) -> Callable[[bytes], Table]:
+    if content.startswith(b"PAR1"):
         return parquet.read
-    if head.startswith((b"MDF     ", b"UnFinMF ")):
+    if content.startswith((b"MDF     ", b"UnFinMF ")):
         return mdf.read
-    if head.startswith(b"MATLAB") or head.startswith(matlab.HDF5) or path.suffix == ".mat":
+    if content.startswith((b"MATLAB", matlab.HDF5)) or suffix == ".mat":
         return matlab.read
     return csv_file.read

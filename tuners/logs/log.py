@@ -1,29 +1,28 @@
-"""A recording that a tuner can use, and how it comes out of a file."""
+"""A recording that a tuner can use, and how it comes out of a log file."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from tuners.logs import columns, excitation
+from tuners.logs import excitation, measured
 from tuners.logs.actuator import through_actuator
-from tuners.logs.columns import Quantity
-from tuners.logs.excitation import Band, Excitation, band_around
+from tuners.logs.columns import Quantity, find
+from tuners.logs.excitation import Excitation, band_of, best_stretch
 from tuners.logs.formats import read_table
 from tuners.logs.options import Options
 from tuners.logs.sampling import Plan, sampled
-from tuners.logs.table import Array, LogError, SelectionError
-from tuners.logs.time_base import TimeBase
-from yawrate_env.vehicle.single_track import Vehicle
-from yawrate_env.vehicle.task import Task
+from tuners.logs.table import Array, SelectionError
+from tuners.logs.time_base import TimeBase, pace_of
+from yawrate_env.plant.plant import Plant
 
-LONGEST = 20.0
-"""How much of a recording is used [s], unless a stretch is chosen."""
+LONGEST = 2.0
+"""How much of a recording is used, unless a stretch is chosen, in lengths of the experiment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """An evenly sampled stretch of a recording, SI units.
+    """An evenly sampled stretch of a recording, in the plant's units.
 
     Attributes
     ----------
@@ -31,127 +30,100 @@ class Log:
         Name of the file.
     t0 : float
         Time of the first sample, as the recording counts it [s].
-    Ts, recorded_Ts : float
-        Sampling time of these arrays, and of the file [s].
-    steer : NDArray
-        (N,) steering command at the road wheel [rad], held over a sampling time.
-    yaw_rate : NDArray
-        (N,) measured yaw rate [rad/s].
-    speed : NDArray
-        (N,) speed [m/s].
-    excitation : Excitation
-        How it excites the vehicle.
+    u, y : NDArray
+        (N,) input, held over a sampling time, and measured output.
+    Ts : float
+        Sampling time [s].
+    measured : dict
+        Measured parameters, (N,) each; their means count.
     notes : tuple of str
         What was found out or had to be done, in words.
+    excitation : Excitation
+        How the input excites the plant.
+    recorded_Ts : float
+        Sampling time of the file [s]; `Ts` is shorter after `through_actuator`.
     """
 
     source: str
     t0: float
+    u: Array
+    y: Array
     Ts: float
-    recorded_Ts: float
-    steer: Array
-    yaw_rate: Array
-    speed: Array
-    excitation: Excitation
+    measured: dict[str, Array]
     notes: tuple[str, ...]
+    excitation: Excitation
+    recorded_Ts: float
 
     @property
     def time(self) -> Array:
         """(N,) as the recording counts it [s]."""
-        return np.asarray(self.t0 + self.Ts * np.arange(len(self.steer), dtype=np.float64))
+        return np.asarray(self.t0 + self.Ts * np.arange(len(self.u), dtype=np.float64))
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return len(self.u) * self.Ts
 
 
-def read_log(path: Path, task: Task, options: Options) -> Log:
-    """Read a recording for a tuner of this task.
+def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
+    """Read a recording of a plant, in its units.
+
+    Parameters
+    ----------
+    path : Path
+        CSV, MATLAB, Parquet or MDF, told apart by their first bytes.
+    plant : Plant
+        Columns are recognised by the names of its signals and measured parameters, their labels
+        and synonyms.
+    options : Options, optional
+        What the file does not say.
 
     Raises
     ------
     LogError
-        It cannot be used; the message says why.
+        The recording cannot be used; the message says why.
     SelectionError
-        It has no such column or stretch.
+        It has no such column or stretch, or the plant no such parameter.
     """
+    options = options or Options()
     table = read_table(path)
-    found = columns.find(table, options.choice)
-    if options.speed is not None:
-        found.pop("speed", None)
-    held = ("steer",) if options.steer_is == "command" else ()
-    plan = Plan("yaw_rate", excitation.SHORTEST, held, ("speed",), options.Ts)
-    base, signals, lost = sampled(found, plan)
-    notes = [*table.notes, *lost, *_column_notes(found, options), *base.notes]
-    signals["steer"] *= options.steer_sign / options.steer_ratio
-    signals["yaw_rate"] *= options.yaw_rate_sign
-    if "speed" not in signals:
-        signals["speed"] = np.full(len(base.grid), options.speed or _only_speed(task))
-    part, chosen = _stretch(base, signals, task, options)
-    log = _log(path.name, base, signals, part, task)
-    log = replace(log, notes=(*notes, *chosen, *log.excitation.notes))
-    return _whole_vehicle(log, task.vehicle) if options.steer_is == "measured" else log
-
-
-def _log(source: str, base: TimeBase, signals: dict[str, Array], part: slice, task: Task) -> Log:
-    """One stretch, after a look at its excitation."""
-    steer, yaw_rate, speed = (signals[name][part] for name in ("steer", "yaw_rate", "speed"))
-    judged = excitation.check(steer, yaw_rate, speed, base.Ts, task.target.crossover)
+    found = find(table, plant, options)
+    base, signals, lost = sampled(found.quantities, _plan(found.quantities, plant, options))
+    part, chosen = _stretch(base, signals, plant, options)
+    signals = {role: values[part] for role, values in signals.items()}
+    u, y = signals.pop("input"), signals.pop("output")
+    parameters, assumed = measured.parameters(plant, signals, found.values, len(u))
+    excited = excitation.check(plant, u, y, parameters, base.Ts)
+    notes = (*table.notes, *lost, *found.notes, *base.notes, *chosen, *assumed, *excited.notes)
     t0 = float(base.grid[part.start])
-    return Log(source, t0, base.Ts, base.Ts, steer, yaw_rate, speed, judged, ())
+    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts)
+    return log if options.input_is == "command" else _whole_plant(log, plant)
 
 
-def _whole_vehicle(log: Log, vehicle: Vehicle) -> Log:
-    """A log of commands from one of measured road-wheel angles."""
-    steer, yaw_rate, Ts, parts = through_actuator(log.steer, log.yaw_rate, log.Ts, vehicle)
-    words = "Measured road-wheel angle: the yaw rate was filtered through the actuator."
-    return replace(
-        log,
-        Ts=Ts,
-        steer=steer,
-        yaw_rate=yaw_rate,
-        speed=np.repeat(log.speed[:-1], parts),
-        notes=(*log.notes, words),
+def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
+    """How the quantities come to one grid; a nonlinear plant's recording starts at rest."""
+    return Plan(
+        clock="output",
+        least=excitation.SHORTEST * len(plant.u) * plant.Ts,
+        pace=pace_of(plant),
+        held=("input",) if options.input_is == "command" else (),
+        slow=tuple(name for name in plant.measured if name in found),
+        Ts=options.Ts,
+        begin=None if plant.linear else -np.inf if options.start is None else options.start,
     )
-
-
-def _column_notes(found: dict[str, Quantity], options: Options) -> list[str]:
-    notes = []
-    for role, quantity in found.items():
-        given = options.choice.units.get(role) is not None
-        if not given and quantity.unit not in ("s", "rad", "rad/s", "m/s"):
-            notes.append(f"Column {quantity.name} is taken to be in {quantity.unit}.")
-    if columns.is_hand_wheel(found["steer"].name) and options.steer_ratio == 1.0:
-        notes.append(
-            f"Column {found['steer'].name} sounds like the hand wheel, and no --steer-ratio is "
-            "given: it is taken as the road wheel."
-        )
-    if options.speed is None and "speed" not in found:
-        notes.append("No speed in the log: taken as the tuner's.")
-    return notes
-
-
-def _only_speed(task: Task) -> float:
-    low, high = task.prior.v_x
-    if low != high:
-        raise LogError(
-            f"No column looks like speed, and this tuner covers {low:g} to {high:g} m/s. "
-            "Give --speed, or name a column with --speed-column."
-        )
-    return low
 
 
 def _stretch(
-    base: TimeBase, signals: dict[str, Array], task: Task, options: Options
+    base: TimeBase, signals: dict[str, Array], plant: Plant, options: Options
 ) -> tuple[slice, list[str]]:
+    """The chosen part, or that of the best excitation; a plant that starts at rest starts there."""
     if options.start is not None or options.stop is not None:
         return between(base.grid, options.start, options.stop), []
-    return best_excited(
-        base, signals["steer"], [signals["speed"]], band_around(task.target.crossover), LONGEST
-    )
-
-
-def best_excited(
-    base: TimeBase, u: Array, beside: list[Array], band: Band | None, length: float
-) -> tuple[slice, list[str]]:
-    """The stretch of `length` [s] that is excited best, and a note if it is not everything."""
-    part, shorter = excitation.best_stretch(u, beside, base.Ts, band, length)
+    if not plant.linear:
+        return slice(0, len(base.grid)), []
+    steady = [signals[name] for name in plant.measured if name in signals]
+    length = LONGEST * len(plant.u) * plant.Ts
+    part, shorter = best_stretch(signals["input"], steady, base.Ts, band_of(plant), length)
     first, last = base.grid[[part.start, part.stop - 1]]
     return part, [f"Best-excited stretch used: {first:.2f} to {last:.2f} s."] if shorter else []
 
@@ -167,3 +139,17 @@ def between(t: Array, start: float | None, stop: float | None) -> slice:
             f"{t[0]:.2f} to {t[-1]:.2f} s."
         )
     return part
+
+
+def _whole_plant(log: Log, plant: Plant) -> Log:
+    """A log of commands from one of measured actuator positions."""
+    u, y, Ts, parts = through_actuator(log.u, log.y, log.Ts, plant)
+    note = f"Measured {plant.signals[0]}: the output was filtered through the actuator."
+    return replace(
+        log,
+        u=u,
+        y=y,
+        Ts=Ts,
+        measured={name: np.repeat(values[:-1], parts) for name, values in log.measured.items()},
+        notes=(*log.notes, note),
+    )

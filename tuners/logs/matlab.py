@@ -5,7 +5,7 @@ flattening are vectors, called ``x``, ``log.x`` or, the columns of a matrix, ``x
 """
 
 from collections.abc import Iterator
-from pathlib import Path
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,10 @@ HDF5 = b"\x89HDF\r\n\x1a\n"
 _DEEPEST = 4
 
 
-def read(path: Path) -> Table:
+def read(content: bytes) -> Table:
     """Read a MATLAB file of any version."""
-    is_hdf5 = HDF5 in path.read_bytes()[:1024]
     try:
-        tree = _hdf5(path) if is_hdf5 else _classic(path)
+        tree = _hdf5(content) if HDF5 in content[:1024] else _classic(content)
     except Exception as error:  # both libraries raise all kinds on damaged files
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise LogError(f"The MATLAB file cannot be read: {reason}") from None
@@ -30,17 +29,18 @@ def read(path: Path) -> Table:
     return Table(tuple(vectors), lambda name: Column(vectors[name]))
 
 
-def _classic(path: Path) -> dict[str, Any]:
+def _classic(content: bytes) -> dict[str, Any]:
     from scipy.io import loadmat
 
+    file: Any = BytesIO(content)  # the stubs know paths only
     return {
         name: value
-        for name, value in loadmat(path, simplify_cells=True).items()
+        for name, value in loadmat(file, simplify_cells=True).items()
         if not name.startswith("__")
     }
 
 
-def _hdf5(path: Path) -> dict[str, Any]:
+def _hdf5(content: bytes) -> dict[str, Any]:
     import h5py
 
     def unpacked(item: Any) -> Any:
@@ -49,7 +49,7 @@ def _hdf5(path: Path) -> dict[str, Any]:
         # HDF5 has MATLAB's arrays transposed.
         return np.transpose(item[()]) if item.dtype.kind in "fiub" else None
 
-    with h5py.File(path, "r") as file:
+    with h5py.File(BytesIO(content), "r") as file:
         tree: dict[str, Any] = unpacked(file)
     return tree
 

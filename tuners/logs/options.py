@@ -1,38 +1,40 @@
-"""What the user says about a recording."""
+"""What the user says about a log file."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-
-from tuners.logs.columns import Choice
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What the user says about a recording; what is not said is found out.
+    """What the user says about a log file; what is omitted is found out.
+
+    A role is ``time``, ``input``, ``output`` or a measured parameter, by its name or its label,
+    with or without the unit: ``v_x`` or ``speed``.
 
     Attributes
     ----------
-    choice : Choice
-        Columns and units.
+    columns : dict
+        Role to the name or the number (from 1) of its column.
+    units : dict
+        Role to the unit of its column or value; by default what the file says, or the plant's.
+    values : dict
+        Measured parameter to its value, where it is not a column.
+    input_scale, output_scale : float
+        Factors by which the signals are multiplied, once they are in the plant's units.
     Ts : float or None
         Sampling time [s], where there is no time column or it is not to be used.
-    speed : float or None
-        Constant speed [m/s], instead of a column.
-    steer_ratio : float
-        Hand-wheel angle over road-wheel angle.
-    steer_sign, yaw_rate_sign : int
-        -1 turns a signal round.
     start, stop : float or None
         Stretch to use, in the recording's own time [s].
-    steer_is : {"command", "measured"}
-        What the actuator was told, or the road-wheel angle that came of it.
+    input_is : {"command", "measured"}
+        Whether the input was recorded before the plant's actuator or after it.
     """
 
-    choice: Choice = field(default_factory=Choice)
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
+    input_scale: float = 1.0
+    output_scale: float = 1.0
     Ts: float | None = None
-    speed: float | None = None
-    steer_ratio: float = 1.0
-    steer_sign: int = 1
-    yaw_rate_sign: int = 1
     start: float | None = None
     stop: float | None = None
-    steer_is: str = "command"
+    input_is: str = "command"

@@ -1,18 +1,16 @@
 """Apache Parquet tables."""
 
-from pathlib import Path
-
 from tuners.logs.csv_file import floats
 from tuners.logs.table import Column, LogError, Table
 
 
-def read(path: Path) -> Table:
+def read(content: bytes) -> Table:
     """Read a Parquet file."""
-    from pyarrow import ArrowException
+    from pyarrow import ArrowException, BufferReader
     from pyarrow.parquet import ParquetFile
 
     try:
-        table = ParquetFile(path, page_checksum_verification=True).read()
+        table = ParquetFile(BufferReader(content), page_checksum_verification=True).read()
     except (ArrowException, OSError) as error:
         raise LogError(f"The Parquet file cannot be read: {str(error).splitlines()[0]}") from None
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from tuners.logs.columns import Quantity
 from tuners.logs.table import Array, LogError
-from tuners.logs.time_base import Pace, TimeBase, time_base
+from tuners.logs.time_base import EVEN, Pace, TimeBase, time_base
 
 _NONSENSE = 1e20  # in any unit; epochs in ns are 2e18
 
@@ -21,24 +21,24 @@ class Plan:
         The role whose own time stamps count, in formats where every quantity has some.
     least : float
         Shortest stretch worth having [s].
+    pace : Pace
+        Sampling times that make sense.
     held : tuple of str
         Roles that keep a value until the next one; others are interpolated.
     slow : tuple of str
         Roles that change slowly: where their values are missing, these are interpolated.
     Ts : float or None
         Sampling time [s], where no time column is to be used.
-    pace : Pace
-        Sampling times that make sense.
     begin : float or None
         Time of which only what begins with the first row from then on can be used [s].
     """
 
     clock: str
     least: float
+    pace: Pace
     held: tuple[str, ...] = ()
     slow: tuple[str, ...] = ()
     Ts: float | None = None
-    pace: Pace = Pace()
     begin: float | None = None
 
 
@@ -96,10 +96,11 @@ def _time(found: dict[str, Quantity], plan: Plan) -> Array:
 def _onto(time: Array, quantity: Quantity, held: bool) -> Array:
     """A channel with its own clock, at the times of another: commands are held."""
     assert quantity.time is not None
-    if quantity.time.shape == time.shape and (quantity.time == time).all():
+    rounding = EVEN * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if quantity.time.shape == time.shape and np.allclose(quantity.time, time, 0.0, rounding):
         return quantity.values
     if held:
-        before = np.searchsorted(quantity.time, time, side="right") - 1
+        before = np.searchsorted(quantity.time, time + rounding, side="right") - 1
         return np.where(before >= 0, quantity.values[before], np.nan)
     return np.interp(time, quantity.time, quantity.values, np.nan, np.nan).astype(np.float64)
 

@@ -10,26 +10,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from tuners.logs.table import Array, LogError
+from tuners.tuner.tuner import slowest
+from yawrate_env.plant.plant import Plant
 
 EVEN = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """What sampling times make sense for what is recorded, by default for a vehicle.
+    """Sampling times that make sense for a plant.
 
     Attributes
     ----------
     fastest, slowest : float
         Sampling times that are accepted [s].
     bridged : float
-        Longest step that is interpolated over [s], by default two samples lost at 100 Hz, a
-        twentieth of a period at the crossover.
+        Longest step that is interpolated over [s].
     """
 
-    fastest: float = 1e-5
-    slowest: float = 0.1
-    bridged: float = 0.03
+    fastest: float
+    slowest: float
+    bridged: float
+
+
+def pace_of(plant: Plant) -> Pace:
+    """Up to what the plant's tuner takes, and half of that without a sample."""
+    limit = slowest(plant)
+    return Pace(plant.Ts / 500, limit, limit / 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +64,7 @@ class TimeBase:
     notes: tuple[str, ...]
 
 
-def time_base(time: Array, least: float, pace: Pace = Pace(), from_first: bool = False) -> TimeBase:
+def time_base(time: Array, least: float, pace: Pace, from_first: bool = False) -> TimeBase:
     """Find an even grid in time stamps (N,) [s] of at least `least` [s], or say why not.
 
     The longest stretch without a break has it, or `from_first` that before the first break.

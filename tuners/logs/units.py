@@ -1,9 +1,7 @@
-"""Any physical unit to any other of its kind, by Pint.
+"""Any physical unit to any other of its kind, by Pint and the spellings that logs have.
 
-What a log writes is looked up first among the spellings of `columns` and a few others:
-Pint takes ``Nm`` for a measure of yarn and ``grad`` for a gradian, and does not know ``dps``.
-It also counts angles as numbers, so that 1 Hz would be 1 rad/s; here units are of one kind
-where their base units are the same, and the radian is one of these.
+Pint counts angles as numbers, so that 1 Hz would be 1 rad/s; here units are of one kind where
+their base units are the same, and the radian is one of these.
 """
 
 import math
@@ -13,17 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from tuners.logs.columns import SPELLINGS
-
-_MEANT = {word: unit for unit, words in SPELLINGS.items() for word in words.split()} | {
-    "U/min": "rpm",
-    "r/min": "rpm",
-    "-": "1",
-}
-_TERMS = {"Nm": "(N*m)", "mNm": "(mN*m)", "kNm": "(kN*m)", "Ohm": "ohm", "kOhm": "kohm",
-          "rev": "revolution", "·": "*"}  # fmt: skip
-_TERM = r"(?:[^\W\d_]+|°[CF]?|%|1)(?:\^?-?\d)?"
-_FORM = re.compile(rf"\(?{_TERM}(?:(?:\s*[*/·.]\s*\(?|\s+){_TERM}\)?)*")
+_SPELLINGS = (
+    "newton_meter = newton * meter = Nm",  # instead of a measure of yarn
+    "degree_per_second = degree / second = dps = degs = degps",
+    "radian_per_second = radian / second = rads = radps",
+    "meter_per_second = meter / second = mps = meterspersecond",
+    "@alias kilometer_per_hour = kmh",
+    "@alias degree = grad = Grad",  # instead of the gradian
+    "@alias revolution = rev = r = U",
+    "@alias ohm = Ohm",
+)
+_IDIOMS = {"-": "1", "ms-1": "m/s"}
+_TERM = r"(?:[^\W\d_]+|°[CF]?|%|1)(?:\^?-?[\d²³])?"
+_FORM = re.compile(rf"\(?{_TERM}(?:(?:\s*[*/·._]\s*\(?|\s+){_TERM}\)?)*")
 _LONGEST = 30
 
 
@@ -41,56 +41,59 @@ def stated(name: str, unit: str) -> str:
     return said if said == "1" or re.search(r"[^\W\d_]|[°%]", said) else ""
 
 
-def conversion(unit: str, wanted: str) -> tuple[float, float]:
-    """Factor and offset that bring numbers in a unit to the wanted one.
+def conversion(unit: str, needed: str) -> tuple[float, float]:
+    """Factor and offset that bring numbers in a unit to the needed one.
 
     Raises
     ------
     UnitError
         There are none.
     """
-    if unit == wanted:
+    if unit == needed:
         return 1.0, 0.0
-    source, target = (_known(text) for text in (unit, wanted))
-    if source.to_root_units().units != target.to_root_units().units:
-        raise UnitError(f"{unit} and {wanted} measure different things")
-    numbers = _registry().Quantity(np.arange(3.0), source.units)
-    zero, one, two = numbers.to(target.units).magnitude.tolist()
+    targets, sources = _meanings(needed), _meanings(unit)
+    pairs = ((s, t) for t in targets for s in sources if _kind(s) == _kind(t))
+    source, target = next(pairs, (None, None))
+    if source is None:
+        raise UnitError(f"{unit} and {needed} measure different things")
+    numbers = _registry().Quantity(np.arange(3.0), source)
+    zero, one, two = numbers.to(target).magnitude.tolist()
     if not math.isclose(one - zero, two - one, rel_tol=1e-6):
-        raise UnitError(f"{unit} to {wanted} is no matter of factors")
+        raise UnitError(f"{unit} to {needed} is no matter of factors")
     return one - zero, zero
 
 
-def alike(unit: str, wanted: str) -> bool:
+def alike(unit: str, needed: str) -> bool:
     """Whether there is a conversion."""
     try:
-        conversion(unit, wanted)
+        conversion(unit, needed)
     except UnitError:
         return False
     return True
 
 
-def _known(text: str) -> Any:
-    """One of the unit; what is in capitals for no reason is understood too."""
-    small = text.lower() if len(text) > 2 else text
-    meant = _MEANT.get(text) or _MEANT.get(small)
-    spellings = [text, small] if meant is None else [meant]
-    found = next((q for q in map(_parsed, spellings) if q is not None), None)
-    if found is None:
+def _meanings(text: str) -> list[Any]:
+    """Units that a text may mean: as it is, or in lower case where capitals have no reason."""
+    spellings = dict.fromkeys([text, text.lower() if len(text) > 2 else text])
+    found = [unit for unit in map(_parsed, spellings) if unit is not None]
+    if not found:
         raise UnitError(f"{text!r} is no unit that is known")
     return found
 
 
+def _kind(unit: Any) -> Any:
+    return _registry().Quantity(1.0, unit).to_root_units().units
+
+
 @cache
 def _parsed(text: str) -> Any:
-    """One of the unit, or None; what does not look like one must not reach Pint's parser."""
+    """The unit, or None; what does not look like one must not reach Pint's parser."""
+    registry, text = _registry(), _IDIOMS.get(text, text)
     if len(text) > _LONGEST or not _FORM.fullmatch(text):
         return None
-    registry = _registry()
-    terms = re.sub(r"[^\W\d_]+|·", lambda term: _TERMS.get(term[0], term[0]), text)
-    powers = re.sub(r"([^\W\d_])\^?(-?\d)", r"\1**\2", terms)
+    powers = re.sub(r"([^\W\d_])\^?(-?\d)", r"\1**\2", re.sub(r"[·.]", "*", text))
     try:
-        return registry.Quantity(1.0, registry.parse_units(powers))
+        return registry.parse_units(powers.replace("_", "/"))
     except Exception:  # Pint raises all kinds on texts that are no units
         return None
 
@@ -101,4 +104,7 @@ def _registry() -> Any:
         from pint import UnitRegistry
     except ImportError:
         raise UnitError('units are converted by Pint: pip install "yawrate[tune]"') from None
-    return UnitRegistry()
+    registry: Any = UnitRegistry(on_redefinition="ignore")
+    for spelling in _SPELLINGS:
+        registry.define(spelling)
+    return registry

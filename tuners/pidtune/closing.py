@@ -1,4 +1,4 @@
-"""The loop as it really is: all its crossovers, its margin, and whether it is stable."""
+"""A closed loop: all its crossovers, its phase margin, and its stability."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.pidtune.plant import Plant
+from tuners.pidtune.system import System
 
 Array = NDArray[np.float64]
 
-_DECADES = 3  # looked at beyond the first and the last corner
+_DECADES = 3  # searched beyond the first and the last corner
 _A_DECADE = 100
 _POINTS = 500_000  # of a Nyquist count, at most
 TURNS = 1e4
@@ -20,7 +20,7 @@ TURNS = 1e4
 class Loop:
     """A plant and a controller in series, under negative feedback."""
 
-    plant: Plant
+    plant: System
     controller: Any
 
     def __call__(self, omega: Array) -> NDArray[np.complex128]:
@@ -32,7 +32,7 @@ class Loop:
     def crossings(self, near: float) -> Array:
         """Where the magnitude passes 1 [rad/s], ascending.
 
-        Looked for on a logarithmic grid that contains every corner frequency, hence every
+        Searched for on a logarithmic grid that contains every corner frequency, hence every
         resonance, and refined between its points.
         """
         grid = np.log(self._grid(near))
@@ -124,5 +124,5 @@ class Loop:
             nyquist = np.pi / self.plant.Ts
             corners, high = corners[corners < nyquist], nyquist * (1 - 1e-12)
         count = int(_A_DECADE * np.log10(high / low)) + 2
-        beside = corners * (1 + 1e-9)  # a pole may be on the axis
-        return np.unique(np.concatenate([np.geomspace(low, high, count), beside]))
+        shifted = corners * (1 + 1e-9)  # a pole may be on the axis
+        return np.unique(np.concatenate([np.geomspace(low, high, count), shifted]))

@@ -1,4 +1,4 @@
-"""Where to cross over if nobody says.
+"""Choose a crossover where none is given.
 
 This is our rule, not MATLAB's, whose search is unpublished: the highest frequency, within
 the plant's corners or a decade of them, at which the plant's phase still leaves the margin
@@ -13,24 +13,24 @@ from typing import Any
 import numpy as np
 
 from tuners.pidtune.law import Kind
-from tuners.pidtune.plant import Plant
+from tuners.pidtune.system import System
 
 _POINTS = 500
 _FACTORS = (1, 1 / 2, 2, 1 / 4, 4, 1 / 8, 8, 1 / 16, 16)
 
 
-def needed_phase(plant: Plant, omega: Any, pm: float) -> Any:
+def needed_phase(plant: System, omega: Any, pm: float) -> Any:
     """Phase that a controller must supply at `omega` for a margin of `pm` degrees [rad]."""
     return np.radians(pm) - np.pi - plant.phase(omega)
 
 
-def free_crossovers(plant: Plant, kind: Kind, pm: float) -> Iterator[float]:
+def free_crossovers(plant: System, kind: Kind, pm: float) -> Iterator[float]:
     """Crossovers [rad/s], the best first."""
     first = _best(plant, kind, pm)
     yield from (first * k for k in _FACTORS if first * k <= plant.largest_crossover())
 
 
-def _best(plant: Plant, kind: Kind, pm: float) -> float:
+def _best(plant: System, kind: Kind, pm: float) -> float:
     from scipy.optimize import brentq
 
     corners = plant.corners
@@ -42,13 +42,13 @@ def _best(plant: Plant, kind: Kind, pm: float) -> float:
         return limit / 2
     grid = np.geomspace(low, min(high, limit / 2), _POINTS)
     needed = needed_phase(plant, grid, pm)
-    wanted = kind.free_phase
+    supplied = kind.free_phase
     if kind.zeros == kind.integrators == 1:
-        wanted = max(wanted, needed[0] / 2)
-    possible = np.flatnonzero(needed <= wanted)
-    if not len(possible):
+        supplied = max(supplied, needed[0] / 2)
+    enough = np.flatnonzero(needed <= supplied)
+    if not len(enough):
         return float(grid[np.argmin(needed)])
-    i = possible[-1]
+    i = enough[-1]
     if i + 1 == len(grid):
         return float(grid[i])
-    return float(brentq(lambda w: needed_phase(plant, w, pm) - wanted, grid[i], grid[i + 1]))
+    return float(brentq(lambda w: needed_phase(plant, w, pm) - supplied, grid[i], grid[i + 1]))

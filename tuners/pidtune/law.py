@@ -1,4 +1,4 @@
-"""The controllers: which phase each supplies, and the only one that supplies it.
+"""Controllers: the phase that each kind supplies, and its gains for a response at one frequency.
 
     C(s) = rho (1 + T s)^n / (s^m (1 + Tf s)^f)
 
@@ -44,7 +44,7 @@ class Kind:
     filtered : bool
         Whether the name asks for a derivative filter.
     free_phase : float
-        What it best supplies where the crossover may be chosen [rad].
+        Phase to aim for where the crossover may be chosen [rad].
     """
 
     zeros: int

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tuners.pidtune.closing import Loop
 from tuners.pidtune.crossover import free_crossovers, needed_phase
 from tuners.pidtune.law import FILTER_LAG, KINDS, Kind, law, reach
-from tuners.pidtune.plant import Plant
+from tuners.pidtune.system import System
 from yawrate_env import validation
 from yawrate_env.loop.design import Status, within_reach
 
@@ -21,7 +21,7 @@ _MET = 1e-6  # relative, of crossover and margin
 
 @dataclass(frozen=True, slots=True)
 class Info:
-    """What a tuned loop is like, under MATLAB's names, and what its controller is.
+    """Properties of a tuned loop, under MATLAB's names, and its controller's gains.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class Info:
     PhaseMargin : float
         There, between -180 and 180 [deg].
     status : Status
-        ``OK``: crossover and margin are as wanted; for P and I, the margin is at least so.
-        ``PHASE_LIMITED``: the crossover is, the margin is less.  ``UNREACHABLE``: no
+        ``OK``: crossover and margin meet the target; for P and I, the margin is at least that.
+        ``PHASE_LIMITED``: the crossover does, the margin is less.  ``UNREACHABLE``: no
         controller of this kind, or by our rule for a PID, gives this crossover.
     note : str
-        In words, what is not as wanted; empty if all is.
+        Why the target is missed; empty if it is met.
     crossings : tuple of float
         Every frequency at which the magnitude passes 1 [rad/s].
     Kp, Ki, Kd : float
@@ -81,16 +81,16 @@ def pidtune(
         P and I meet the crossover only.  In discrete time a PD and a PID take the
         derivative as a backward difference, which is the filter ``Tf = Ts/2``.
     wc : float, optional
-        Wanted gain crossover [rad/s]; chosen by our own rule if not given.
+        Target gain crossover [rad/s]; chosen by our own rule if not given.
     pm : float
-        Wanted phase_margin [deg].
+        Target phase margin [deg].
     delay : float
-        Pure delay beside `sys` [s], exact; a multiple of the sampling time if there is one,
+        Pure delay in series with `sys` [s], exact; a multiple of the sampling time if there is one,
         and 200 of them at most.  Stability is decided for up to 10 000 turns of the delay at
         the frequencies that count; beyond, ``ValueError``.
     Tf : float, optional
-        Time constant of the derivative filter of a PDF or PIDF [s]; that which lags by
-        0.5 degrees at the crossover if not given, and at least half a sampling time.
+        Time constant of the derivative filter of a PDF or PIDF [s]; by default a lag of
+        0.5 degrees at the crossover, and at least half a sampling time.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def pidtune(
         validation.number("Tf", Tf, above=0.0, remedy="Use kind PID or PD for no filter.")
         if not form.filtered:
             raise ValueError(f"Tf = {Tf:g} s is for kinds PDF and PIDF. Choose one of these.")
-    plant = Plant.of(sys, delay)
+    plant = System.of(sys, delay)
     if wc is not None:
         validation.number("wc", wc, above=0.0, at_most=plant.largest_crossover(),
                           remedy="Give it in rad/s, below Nyquist's frequency.")  # fmt: skip
@@ -122,7 +122,7 @@ def pidtune(
     return next(good, first)
 
 
-def _tuned(plant: Plant, kind: Kind, wc: float, pm: float, Tf: float | None) -> tuple[Any, Info]:
+def _tuned(plant: System, kind: Kind, wc: float, pm: float, Tf: float | None) -> tuple[Any, Info]:
     v = float(plant.warped(np.asarray(wc)))
     Tf = _filter_time(plant, kind, v, Tf)
     G = complex(plant(np.asarray(wc)))
@@ -145,10 +145,10 @@ def _tuned(plant: Plant, kind: Kind, wc: float, pm: float, Tf: float | None) -> 
     found = law(kind, -np.log(abs(G)), phase, v, Tf)
     found = replace(found, rho=plant.sign * found.rho)
     C = found.transfer_function(plant.Ts)
-    return C, _judged(Loop(plant, C), found.gains(), found.Tf, status, wc)
+    return C, _info(Loop(plant, C), found.gains(), found.Tf, status, wc)
 
 
-def _filter_time(plant: Plant, kind: Kind, v: float, Tf: float | None) -> float:
+def _filter_time(plant: System, kind: Kind, v: float, Tf: float | None) -> float:
     if not kind.derives:
         return 0.0
     if kind.filtered:
@@ -156,7 +156,7 @@ def _filter_time(plant: Plant, kind: Kind, v: float, Tf: float | None) -> float:
     return plant.Ts / 2
 
 
-def _judged(
+def _info(
     loop: Loop, gains: tuple[float, float, float], Tf: float, status: Status, wc: float
 ) -> Info:
     Kp, Ki, Kd = gains

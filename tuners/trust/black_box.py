@@ -1,14 +1,13 @@
-"""A model that knows nothing of the plant; and recordings that do not start from rest.
+"""The reference model: a black box fitted to the recording, and starts in mid-drive.
 
-Whatever moved a plant before the first sample goes on as its free response, and offsets of
-either channel end up as one constant.  For a plant whose responses add up both are linear
-in unknowns that the input does not explain, so one least-squares fit of the output on
+A plant that does not start from rest answers with its free response too, and offsets of either
+channel add one constant to the output.  For a linear plant both are linear in their unknowns, so
+one least-squares fit of the output on
 
     the input through many Laguerre functions,   their free responses,   a constant
 
-tells them apart without knowing the plant, and they are taken out for every tuner.  A
-recording from rest is better off without the last two, which cost information: they are
-left out where an F test finds nothing.
+separates them without knowing the plant, and they are subtracted for every tuner.  The last two
+cost information, so they are left out where an F test finds that the recording starts from rest.
 """
 
 from dataclasses import dataclass
@@ -40,7 +39,7 @@ _NEGLIGIBLE = 3e-6  # of the output's energy: the functions themselves may leave
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlackBox:
-    """Laguerre models of B recordings, as these alone determine them.
+    """Laguerre models of B recordings, without use of the simulator.
 
     Attributes
     ----------
@@ -49,7 +48,7 @@ class BlackBox:
     u : NDArray
         (1, N) or (B, N) inputs.
     y : NDArray
-        (B, N) outputs, without what the start and offsets contribute where that was found.
+        (B, N) outputs, without the effect of initial state and offsets where that was found.
     Ts : float
         Sampling time [s].
     oversampled : float
@@ -57,7 +56,7 @@ class BlackBox:
     unknown : NDArray
         (B,) whether start and offsets were estimated.
     free : NDArray
-        (B, N) what was taken out: free response and offset.
+        (B, N) what was subtracted: free response and offset.
     offset : NDArray
         (B,) constant part of the output.
     coefficients : NDArray
@@ -82,10 +81,10 @@ class BlackBox:
 
 
 def functions_for(plant: Plant) -> Laguerre:
-    """Functions that explain the plant's recordings: its own, or so many as are needed.
+    """Laguerre basis of the reference model; chosen automatically if the plant names none.
 
-    Of a linear plant they may leave no more over than noise hides: a free response would
-    take that for its own, and a recording from rest look as if it began in mid-drive.
+    For a linear plant the basis grows until its truncation error is hidden by the noise: a free
+    response would explain the rest, and a recording from rest would look like a start in mid-drive.
     """
     if plant.black_box is not None:
         order, pole = plant.black_box
@@ -98,7 +97,7 @@ def functions_for(plant: Plant) -> Laguerre:
 
 
 def _hidden(plant: Plant, functions: Laguerre) -> bool:
-    """Whether noise hides what free responses would explain of the prior's clean outputs."""
+    """Whether noise hides the part of clean outputs that free responses would explain."""
     y = plant.respond(sample(plant, _MORE_PLANTS))
     fits = (black_box(plant, functions, plant.u[None], y, start) for start in ("rest", "unknown"))
     rest, moving = (fit.residual for fit in fits)
@@ -106,7 +105,7 @@ def _hidden(plant: Plant, functions: Laguerre) -> bool:
 
 
 def suited(plant: Plant, order: int) -> Laguerre:
-    """Laguerre functions whose pole leaves least of the prior's noise-free outputs over."""
+    """Laguerre basis with the pole that explains the prior's noise-free outputs best."""
     y = plant.respond(sample(plant, _PLANTS))
     energy = (y**2).sum(axis=1)
     slowest, fastest = 2 / (len(plant.u) * plant.Ts), 1 / plant.Ts
@@ -117,7 +116,7 @@ def suited(plant: Plant, order: int) -> Laguerre:
 
 
 def suited_to_any_input(plant: Plant, order: int) -> Regularised:
-    """The same, with what the prior's coefficients have in common, from inputs of their own."""
+    """The same basis, regularised by the coefficients of simulated plants, for any input."""
     functions = suited(plant, order)
     u = plant.inputs(stream(_SEED, 0, _MOST_PLANTS, 1)[:, 0])
     y = plant.respond(sample(plant, _MOST_PLANTS), u)
@@ -126,12 +125,12 @@ def suited_to_any_input(plant: Plant, order: int) -> Regularised:
 
 
 def free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, float]:
-    """What the input does not explain, as orthonormal signals.
+    """Free responses and a constant, as orthonormal signals.
 
     Returns
     -------
     signals : (n + 1, N) float64
-        They span what the states of the functions decay by, and a constant, the last.
+        They span the decays of the basis' states; the last completes them by a constant.
     constant : float
         Constant whose coefficient on the last signal is one.
     """
@@ -152,13 +151,13 @@ _kept = lru_cache(maxsize=4)(_free_responses)
 def black_box(
     plant: Plant, functions: Laguerre, u: Array, y: Array, start: str, oversampled: float = 1.0
 ) -> BlackBox:
-    """Fit recordings (1 or B, N), (B, N) and take out what start and offsets contribute.
+    """Fit recordings (1 or B, N), (B, N) and subtract the effect of initial state and offsets.
 
     Parameters
     ----------
     start : {"auto", "rest", "unknown"}
-        Whether recordings start from rest without offsets, or what the data say; of a
-        plant whose responses do not add up these say nothing, and rest is meant.
+        Whether recordings start from rest without offsets; decided by the data if "auto".  For a
+        nonlinear plant the data cannot decide, and rest is assumed.
     """
     validation.one_of("start", start, STARTS)
     start = "rest" if start == "auto" and not plant.linear else start

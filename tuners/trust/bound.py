@@ -1,9 +1,10 @@
-"""The Cramér-Rao bound on a plant's figures, by differences.
+"""The Cramér-Rao bound on a plant's metrics, by differences.
 
-As in `tuners.trust.vehicle_bound`: whoever estimates the parameters without bias from an experiment
-with white noise, designs with the estimate and closes the loop around the true plant
-spreads the figures by at least ``J F^-1 J^T``, with J the derivative of "design with
-theta', judge with theta".
+The Fisher information of the unknown parameters in a recording with white noise of variance
+sigma^2 is ``F = sum_k (dy_k/dtheta)(dy_k/dtheta)^T / sigma^2`` (Ljung, *System Identification*,
+2nd ed., section 7.4).  A tuner that estimates the parameters without bias, designs with the
+estimate and closes the loop around the true plant has metrics of covariance ``J F^-1 J^T`` or
+more, with J the derivative of "design for theta', evaluate on theta" to theta' at the truth.
 """
 
 import numpy as np
@@ -14,24 +15,32 @@ from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
-_STEP = 1e-3  # of a range: figures may come from a simulation's samples
+_STEP = 1e-3  # of a range: metrics may come from a simulation's samples
 
 
-def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> Array:
-    """Least covariance of the unknown parameters, in widths of their ranges, (B, q, q).
+def cramer_rao(plant: Plant, theta: Array, u: Array | None = None) -> Array:
+    """Least standard deviations of the counted metrics (B, f) for plants (B, p).
 
     Parameters
     ----------
     u : (N,), (1, N) or (B, N) float64, optional
         The inputs, if not the experiment's.
     """
+    return spread(metric_slopes(plant, theta), parameter_covariance(plant, theta, u))
+
+
+def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> Array:
+    """Least covariance of the unknown parameters, in widths of their ranges, (B, q, q)."""
     slopes = output_slopes(plant, theta, u)
     return covariance_of(slopes, plant.sigma(plant.respond(theta, u)))
 
 
-def cramer_rao(plant: Plant, theta: Array, u: Array | None = None) -> Array:
-    """Least standard deviations of the figures (B, f) for plants (B, p); `u` as above."""
+def metric_slopes(plant: Plant, theta: Array) -> Array:
+    """Derivatives J of the counted metrics to the parameters designed for, (B, f, q)."""
     tiled = np.tile(theta, (2 * len(plant.unknown), 1))
-    J = central(plant, theta, lambda t: plant.metric_values(tiled, plant.oracle(t)), _STEP)
-    variance = np.einsum("bij,bjk,bik->bi", J, parameter_covariance(plant, theta, u), J)
-    return np.asarray(np.sqrt(variance))
+    return central(plant, theta, lambda t: plant.metric_values(tiled, plant.oracle(t)), _STEP)
+
+
+def spread(J: Array, covariance: Array) -> Array:
+    """Standard deviations (B, f) of metrics for parameters with a covariance (B, q, q)."""
+    return np.asarray(np.sqrt(np.einsum("bij,bjk,bik->bi", J, covariance, J)))

@@ -1,16 +1,11 @@
-"""Whether gains can be trusted, judged by the recording that they come from.
+"""Checks that decide whether gains are trusted.
 
-The plant's simulator is fitted to the recording (`tuners.trust.fit`), and so is
-a black box that knows nothing of it (`tuners.trust.black_box`).  Gains are trusted where
-the two tell the same story: what the simulator leaves over, the input does not explain
-either, both respond alike at the crossover, the plant found is one of the prior's, with it
-the gains give what the design rule reaches, and the recording holds enough information to
-say so.  Nothing depends on which excitation was used or which tuner answered.  A nonlinear
-plant's simulator explains more than the linear black box, which the comparison allows.
-
-The intervals are the figures of the plant found plus or minus a factor times their standard
-deviation, the factor calibrated by split conformal prediction (Lei et al., 2018) with the
-scaled error as score.
+The plant's simulator is fitted to the recording (`tuners.trust.fit`), and so is a reference model
+that does not use it (`tuners.trust.black_box`).  Gains are trusted where the two agree: the input
+explains nothing beyond the fitted simulator, both respond alike at the crossover, the fitted plant
+is in the prior, with it the gains reach the target, and the recording holds enough information.
+Nothing depends on which excitation was used or which method found the gains.  A nonlinear plant's
+simulator may explain more than the linear reference model; only the reverse is held against it.
 """
 
 from dataclasses import dataclass, replace
@@ -27,13 +22,13 @@ from yawrate_env.plant.plant import Plant
 Array = NDArray[np.float64]
 
 _DOUBT = 3.0  # standard deviations that a finding must exceed to count
-_STEP = 1e-3  # of a range: figures may come from a simulation's samples
+_STEP = 1e-3  # of a range: metrics may come from a simulation's samples
 _WHITE = 2.0  # times white noise's power in a band: what white noise may happen to have
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Largest values that are still trusted; those of the figures are in `Figure`.
+    """Largest values that are still trusted; those of the metrics are in `Metric`.
 
     Attributes
     ----------
@@ -87,7 +82,7 @@ MESSAGES = {
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One of the questions that decide on trust.
+    """One of the checks that decide on trust.
 
     Attributes
     ----------
@@ -112,7 +107,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finding:
-    """What B recordings say to one of the questions: values (B,), their limit, and in words."""
+    """Outcome of one check for B recordings: values (B,), their limit, and a message."""
 
     values: Array
     limit: float
@@ -121,7 +116,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assessment:
-    """What B recordings say of gains.
+    """Checks of the gains for B recordings.
 
     Attributes
     ----------
@@ -168,7 +163,7 @@ def assess(
     solved: NDArray[np.bool_],
     anywhere: bool = False,
 ) -> Assessment:
-    """Ask recordings about gains.
+    """Check gains against the recordings they come from.
 
     Parameters
     ----------
@@ -220,14 +215,14 @@ def _of_measured(plant: Plant, theta: Array, anywhere: bool) -> dict[str, Findin
 
 
 def _of_metrics(plant: Plant, what: str, values: Array, message: str) -> dict[str, Finding]:
-    """A finding for each figure, named by it without its unit."""
+    """A finding for each counted metric."""
     names = (check_name(name, what) for name in plant.counted)
     parts = zip(names, values.T, plant.metric_setting(what), strict=True)
     return {name: Finding(v, float(limit), message) for name, v, limit in parts}
 
 
 def _of_recordings(plant: Plant, model: BlackBox, found: Fit) -> dict[str, Finding]:
-    """What black box and fitted plant leave over, and how they differ."""
+    """Findings on the residuals of the fitted plant and its difference from the black box."""
     residual, simulated = found.residual, found.simulated
     values = {
         "misfit": _misfit(plant, model, found),
@@ -249,14 +244,14 @@ def _finding(name: str, values: Array, at_most: float = np.inf) -> Finding:
 
 
 def _implausible(plant: Plant, u: Array, y: Array) -> Array:
-    """Largest input or output over what can be, (B,)."""
+    """Largest input or output over the plausible one, (B,)."""
     largest = zip((u, y), plant.plausible, strict=True)
     ratios = [np.abs(values).max(axis=1) / limit for values, limit in largest]
     return np.asarray(np.max(np.broadcast_arrays(*ratios), axis=0))
 
 
 def _misfit(plant: Plant, model: BlackBox, found: Fit) -> Array:
-    """What the black box explains beyond the fitted plant, relative, less what noise can do."""
+    """Output that the black box explains and the fitted plant does not, beyond noise, relative."""
     freedom = max(model.functions.order - len(plant.unknown), 1)
     excess = (found.residual**2).sum(axis=1) - model.residual
     chance = found.noise * (freedom + _DOUBT * np.sqrt(2 * freedom))

@@ -1,8 +1,8 @@
-"""The plant behind recordings of any kind, what it leaves over, and how sure it is.
+"""Fit of a plant to recordings: parameters, residuals and covariance.
 
-Where a recording does not start from rest, start and offsets are estimated along: steps
-on signals from which all that they could explain has been projected out (Golub and
-Pereyra's variable projection, 1973).
+Where a recording does not start from rest, initial state and offsets are estimated too: the
+steps use signals from which free responses are projected out (variable projection, Golub and
+Pereyra, 1973).
 """
 
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ _COLOURED = 1.7  # noise stronger by this in the band: more than chance for whit
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """The plant behind B recordings, and what it leaves over.
+    """Plants fitted to B recordings.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Fit:
 
 
 def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
-    """Find the plant behind recordings of any kind.
+    """Fit plants to recordings that may start in mid-drive.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _band(N: int, Ts: float, crossover: float) -> slice:
 
 
 def _signals(plant: Plant, theta: Array, model: BlackBox) -> tuple[Array, Array]:
-    """Output errors (B, N) and slopes (B, q, N), with what starts could explain projected out."""
+    """Output errors (B, N) and slopes (B, q, N), free responses projected out where unknown."""
     error = model.y - plant.respond(theta, model.u)
     signals = np.concatenate([error[:, None], output_slopes(plant, theta, model.u)], axis=1)
     unknown = model.unknown

@@ -239,9 +239,7 @@ def _stopped(
     slopes: Sensitivity, plant: Plant, z: Array, low: Array, high: Array, theta: Array
 ) -> NDArray[np.bool_]:
     """Whether a search ended at a limit outside the prior, (B,)."""
-    first, last = (
-        slopes.encode(np.broadcast_to(end, theta.shape).copy()) for end in plant.ranges
-    )
+    first, last = (slopes.encode(np.broadcast_to(end, theta.shape).copy()) for end in plant.ranges)
     below = (z - low <= _ROOM) & (z < first - _ROOM)
     above = (high - z <= _ROOM) & (z > last + _ROOM)
     return np.asarray((below | above).any(axis=1))

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,11 @@ class Evaluation:
     stable: NDArray[np.bool_]
     seconds: Array
 
+    @property
+    def errors(self) -> Array:
+        """Distances (E, f) of the metrics from their targets."""
+        return np.asarray(self.metrics - self.plant.targets(self.theta))
+
 
 def evaluate(
     tuners: Mapping[str, Policy],
@@ -101,7 +106,7 @@ def evaluate(
             done += len(block)
             if progress is not None:
                 progress(done, total)
-    return [concatenate(part) for part in parts.values()]
+    return [_joined(part) for part in parts.values()]
 
 
 def write_csv(path: str | os.PathLike[str], evaluations: Sequence[Evaluation]) -> None:
@@ -147,6 +152,23 @@ def _part(
     metrics, stable = plant.evaluation(block.theta, gains)
     chosen = [list(plant.metrics).index(metric) for metric in plant.counted]
     return Evaluation(name, plant, block.theta, gains, metrics[:, chosen], stable, seconds)
+
+
+def _joined(parts: Sequence[Evaluation]) -> Evaluation:
+    """One tuner's parts in a row; the plant is that of all."""
+
+    def joined(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    return Evaluation(
+        parts[0].tuner,
+        parts[0].plant,
+        joined("theta"),
+        joined("gains"),
+        joined("metrics"),
+        joined("stable"),
+        joined("seconds"),
+    )
 
 
 def _rows(e: Evaluation) -> list[tuple[object, ...]]:

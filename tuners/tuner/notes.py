@@ -31,7 +31,7 @@ def notes(plant: Plant, given: Recording, fit: Fit, any_experiment: bool) -> tup
         found.append("The input is not that of the experiment trained on.")
     if given.variation > STEADY:
         label = " or ".join(split(plant.label(name))[0] for name in plant.measured)
-        found.append(f"The {label} varies by {given.variation:.0%} of its mean, which counts.")
+        found.append(f"The {label} varies by {given.variation:.0%}; its mean counts.")
     output = split(plant.signals[1])
     return (*found, *_quantised(given.y[0], fit.residual[0], *output))
 

@@ -14,7 +14,8 @@ from yawrate_env.plant.plant import Plant
 Array = NDArray[np.float64]
 
 STEADY, UNSTEADY = 0.05, 0.25
-"""Variation of a measured parameter over its mean that is noted, and that is refused."""
+"""Variation of a measured parameter over its mean (or the prior's range, where that contains zero)
+that is noted, and that is refused."""
 
 _LARGEST = 1e6  # in any unit: values that can be squared
 
@@ -37,7 +38,7 @@ class Recording:
     oversampled : float
         Samples for each independent one: above 1 where samples were interpolated.
     variation : float
-        Largest peak-to-peak of a measured parameter over its mean.
+        Largest relative peak-to-peak variation of a measured parameter.
     """
 
     u: Array
@@ -227,12 +228,13 @@ def _mean(plant: Plant, name: str, value: ArrayLike, N: int) -> tuple[float, flo
         )
     for value in (values.min(), values.max()):
         plant.check_value(name, value)
-    mean = float(values.mean())
-    variation = float(np.ptp(values) / abs(mean)) if mean else 0.0
+    mean, (low, high) = float(values.mean()), plant.prior[name]
+    whole, what = (abs(mean), "its mean") if low > 0 else (high - low, "the prior's range")
+    variation = float(np.ptp(values)) / whole if whole > 0 else 0.0
     if variation > UNSTEADY:
         label = split(plant.label(name))[0]
         raise ValueError(
-            f"{name} varies by {variation:.0%} of its mean, at most {UNSTEADY:.0%} can be used. "
+            f"{name} varies by {variation:.0%} of {what}, at most {UNSTEADY:.0%} can be used. "
             f"Cut a stretch of steady {label}."
         )
     return mean, variation

@@ -32,8 +32,9 @@ _STILL = 1e-9  # of the experiment's largest input or output: what does not move
 
 
 def slowest(plant: Plant) -> float:
-    """Longest sampling time that still shows what a plant does [s]."""
-    return _COARSEST * plant.Ts if plant.crossover is None else _SLOWEST / plant.crossover
+    """Longest sampling time that still shows what a plant does [s]; its own is never too long."""
+    longest = _COARSEST * plant.Ts if plant.crossover is None else _SLOWEST / plant.crossover
+    return max(longest, plant.Ts)
 
 
 class Tuner:

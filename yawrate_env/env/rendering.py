@@ -1,7 +1,7 @@
-"""The picture of an episode, and of what gains make of it.
+"""Picture of an episode and of the loop that gains close.
 
-Before the step nothing but the observation and the target is drawn.  After it the
-loop of the gains stands beside the oracle's.
+Before the step only the observation and the target are drawn, after it also the loops of
+the gains and of the oracle's.
 """
 
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import theta_of, yaw_rate
 
 try:
     from matplotlib import style
@@ -116,7 +117,8 @@ class _Loops:
 
     kp: NDArray[np.float64]
     Ti: NDArray[np.float64]
-    verdict: Evaluation
+    found: Evaluation
+    reward: NDArray[np.float64]
     frequency: NDArray[np.float64]
     magnitude: NDArray[np.float64]
     phase: NDArray[np.float64]
@@ -125,23 +127,25 @@ class _Loops:
 
     @classmethod
     def of(cls, task: Task, context: Context, gains: NDArray[np.float64]) -> "_Loops":
-        """Loops the gains and the oracle's; frequency in Hz, magnitude in dB, angles in deg."""
-        judge, target = loops(task, take(context, np.array([0, 0]))), task.target
-        oracle = judge.design()
+        """Close both loops; frequency in Hz, magnitude in dB, angles in deg."""
+        context, target = take(context, np.array([0, 0])), task.target
+        around, plant = loops(task, context), yaw_rate(task, check=False)
+        oracle = around.design()
         kp, Ti = np.array([gains, [oracle.kp[0], oracle.Ti[0]]]).T
         low, high = _band(target)
         frequency = np.geomspace(low, 0.9999 * high, 500)  # at Nyquist itself L may be zero
-        L = open_loop(judge.transfer_function, kp, Ti, target)(2 * np.pi * frequency)
+        L = open_loop(around.transfer_function, kp, Ti, target)(2 * np.pi * frequency)
         angle = np.angle(L)
         angle[:, 0] -= 2 * np.pi * (angle[:, 0] > np.pi / 2)  # as the design rule follows it
         time = target.Ts * np.arange(round(_duration(target) / target.Ts) + 1, dtype=np.float64)
         with np.errstate(over="ignore", invalid="ignore"):  # unstable loops may overflow
-            y, _ = closed_loop.time_response(judge.plant, kp, Ti, target, np.ones(len(time)))
+            y, _ = closed_loop.time_response(around.plant, kp, Ti, target, np.ones(len(time)))
             lost = np.maximum.accumulate(~(np.abs(y) < DIVERGED), axis=1)
         return cls(
             kp=kp,
             Ti=Ti,
-            verdict=judge.evaluate(kp, Ti),
+            found=around.evaluate(kp, Ti),
+            reward=plant.reward(theta_of(context), np.stack([kp, Ti], axis=1)),
             frequency=frequency,
             magnitude=20 * np.log10(np.abs(L)),
             phase=np.degrees(np.unwrap(angle, axis=1)),
@@ -152,7 +156,7 @@ class _Loops:
     @property
     def colour(self) -> str:
         """Of the loop of the gains."""
-        return LOOP if self.verdict.stable[0] else UNSTABLE
+        return LOOP if self.found.stable[0] else UNSTABLE
 
     @property
     def oracle_label(self) -> str:
@@ -196,20 +200,20 @@ def _headline(picture: Figure, target: Target, loops: _Loops | None) -> None:
         aim = f"target: phase margin {target.phase_margin:g}°, crossover {target.crossover:g} Hz"
         picture.text(RIGHT, y, aim, size=10.5, color=TARGET, ha="right")
         return
-    margins = loops.verdict.margins
+    margins = loops.found.margins
     fields = [
         (0.0, "kp", "{:#.3g} s", loops.kp),
         (0.14, "Ti", "{:#.3g} s", loops.Ti),
         (0.28, f"phase margin (target {target.phase_margin:g}°)", "{:z.1f}°", margins.phase_margin),
         (0.47, f"crossover (target {target.crossover:g} Hz)", "{:#.3g} Hz", margins.crossover),
-        (0.66, "reward", "{:z.2f}", loops.verdict.reward),
+        (0.66, "reward", "{:z.2f}", loops.reward),
     ]
     for x, name, form, values in fields:
         value = _number(values[0], form)
         x += LEFT
         picture.text(x, y + 0.043, name, size=9, color=MUTED, va="baseline")
         picture.text(x, y, value, size=size, weight="bold", va="baseline")
-    state = "stable" if loops.verdict.stable[0] else "UNSTABLE"
+    state = "stable" if loops.found.stable[0] else "UNSTABLE"
     picture.text(RIGHT, y, state, size=size, weight="bold", color=loops.colour, ha="right")
 
 
@@ -304,7 +308,7 @@ def _bode_loops(upper: Axes, lower: Axes, target: Target, loops: _Loops) -> None
     for axes, values in ((upper, loops.magnitude), (lower, loops.phase)):
         axes.plot(loops.frequency, values[0], color=loops.colour, **GAINS_LINE)
         axes.plot(loops.frequency, values[1], color=ORACLE, **ORACLE_LINE)
-    crossover = float(loops.verdict.margins.crossover[0])
+    crossover = float(loops.found.margins.crossover[0])
     low, high = _band(target)
     if not low <= crossover <= high:  # there may be none
         return
@@ -318,7 +322,7 @@ def _bode_loops(upper: Axes, lower: Axes, target: Target, loops: _Loops) -> None
         return
     lower.plot([crossover], [phase], **dot)
     lower.vlines(crossover, -180, phase, color=loops.colour, linewidth=4, alpha=0.35, zorder=2)
-    margin = _number(loops.verdict.margins.phase_margin[0], "{:z.0f}°")
+    margin = _number(loops.found.margins.phase_margin[0], "{:z.0f}°")
     _note(lower, crossover, phase, margin, offset, loops.colour)
 
 

@@ -1,75 +1,172 @@
-"""The native batch environment behind ``gymnasium.make_vec("yawrate/PITuning-v0")``."""
+"""One-step environments in one batch: seeds, partial resets, and the next episode at once."""
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from yawrate_env import batch
-from yawrate_env.env import interaction
-from yawrate_env.env.one_step import Array, OneStepVectorEnv
-from yawrate_env.env.yaw_rate_env import Observation, PITuningEnv
-from yawrate_env.vehicle.episode import WORDS, Draw
+from yawrate_env import validation
+from yawrate_env.env.interface import Array, Interface, Observation, copied
+from yawrate_env.plant.entry import find
+from yawrate_env.plant.plant import Plant
+
+Flags = NDArray[np.bool_]
+
+_SEED = "Give an integer that is not negative."
 
 
-class PITuningVectorEnv(OneStepVectorEnv[Draw]):
-    """`num_envs` environments in one batch of simulations, reset in the same step.
+class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
+    """`num_envs` of `TuningEnv` in one batch of simulations, reset in the same step.
 
-    Sub-environment i has a random generator of its own and repeats, bit for bit, what
-    a scalar environment seeded like it does.  Keyword arguments are those of
-    `PITuningEnv`.
+    Sub-environment i has a random generator of its own and repeats, bit for bit, what a
+    scalar environment seeded like it does.  Only what is random inside a simulator comes from
+    the first sub-environment's generator.
+
+    Parameters
+    ----------
+    num_envs : int
+        How many.
+    interface : Interface
+        Between the plant and the agents.
     """
 
-    scalar: ClassVar[type[PITuningEnv]] = PITuningEnv
-    """What a sub-environment is."""
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
 
-    metadata: dict[str, Any] = {
-        **OneStepVectorEnv.metadata,
-        "render_modes": ["rgb_array"],
-        "render_fps": 1,
-    }
-    words = WORDS
-
-    def __init__(self, num_envs: int = 1, *, render_mode: str | None = None, **kwargs: Any) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode = {render_mode!r}: a batch renders to 'rgb_array' only.")
-        one = self.scalar(**kwargs)
-        super().__init__(num_envs, one.observation_space, one.action_space)
-        self.task, self.visible, self.decimate = one.task, one.visible, one.decimate
-        self.render_mode = render_mode
-
-    def pinned(self, options: Mapping[str, Any]) -> dict[str, NDArray[np.float64]]:
-        """Context values (num_envs,) by name."""
-        return interaction.pinned(options, self.num_envs)
-
-    def begin(
-        self, words: NDArray[np.uint64], fixed: Mapping[str, NDArray[np.float64]]
-    ) -> tuple[Draw, Observation]:
-        """Draw and record."""
-        drawn = interaction.draw(words, self.task, fixed)
-        return drawn, interaction.observe(self.task, drawn, self.visible, self.decimate)
-
-    def judge(self, drawn: Draw, actions: Any) -> tuple[NDArray[np.float64], dict[str, Array]]:
-        """Margins, rewards and the truth."""
-        checked = interaction.checked_actions(actions, self.num_envs)
-        verdict, info = interaction.outcome(self.task, drawn.context, checked)
-        return verdict.reward, info
-
-    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """One frame a sub-environment, of the episode that waits for gains."""
-        if self.render_mode is None:
-            gymnasium.logger.warn(
-                'No render_mode was given: gym.make_vec(..., render_mode="rgb_array").'
-            )
-            return None
-        if self._drawn is None or self._obs is None:
-            raise ResetNeeded("There is nothing to draw yet. Call reset() before render().")
-        from yawrate_env.env.rendering import figure, pixels
-
-        return tuple(
-            pixels(figure(self.task, batch.take(self._drawn.context, slice(i, i + 1)), obs, None))
-            for i, obs in enumerate(self._obs)
+    def __init__(self, num_envs: int, interface: Interface) -> None:
+        self.num_envs = validation.count(
+            "num_envs", num_envs, at_most=1e6, remedy="Use more batches."
         )
+        self.interface = interface
+        self.single_observation_space: Any = interface.observation_space
+        self.single_action_space: Any = interface.action_space
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._generators: list[np.random.Generator] | None = None
+        self._seeds: list[int] = []
+        self._theta: Array | None = None
+        self._obs: Observation | None = None
+
+    @property
+    def plant(self) -> Plant:
+        """The family of plants that episodes are drawn from."""
+        return self.interface.plant
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Every sub-environment's generator."""
+        return tuple(self._own_generators())
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Every sub-environment's seed."""
+        self._own_generators()
+        return tuple(self._seeds)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Reset all, or those in ``options["reset_mask"]``."""
+        given = copied(options)
+        mask = self._reset_mask(given.pop("reset_mask", None))
+        pins = self.interface.pins(given, self.num_envs)
+        self._seed(seed, mask)
+        self._renew(mask, pins)
+        assert self._obs is not None
+        return self._obs.copy(), {}
+
+    def step(self, actions: Array) -> tuple[Observation, Array, Flags, Flags, dict[str, Any]]:
+        """Evaluate every sub-environment's gains and start its next episode."""
+        if self._theta is None or self._obs is None:
+            raise ResetNeeded("Call reset() before the first step().")
+        shape = (self.num_envs, len(self.plant.gains))
+        given = validation.finite_array("action", actions, shape=shape)
+        reward, info = self.interface.outcome(self._theta, given)
+        everyone = np.ones(self.num_envs, dtype=np.bool_)
+        final_obs = np.empty(self.num_envs, dtype=object)
+        final_obs[:] = list(self._obs)
+        final_info: dict[str, Any] = {}
+        for name, values in info.items():
+            final_info[name], final_info[f"_{name}"] = values, everyone.copy()
+        self._renew(everyone, {})
+        return (
+            self._obs.copy(),
+            reward,
+            everyone.copy(),
+            ~everyone,
+            {
+                "final_obs": final_obs,
+                "_final_obs": everyone.copy(),
+                "final_info": final_info,
+                "_final_info": everyone.copy(),
+            },
+        )
+
+    def _renew(self, mask: Flags, pins: Mapping[str, Array]) -> None:
+        """Draw and record new episodes where `mask` is true."""
+        generators, chosen = self._own_generators(), np.flatnonzero(mask)
+        count = self.interface.integers
+        integers = np.stack([generators[i].bit_generator.random_raw(count) for i in chosen])
+        pinned = {name: values[chosen] for name, values in pins.items()}
+        theta, obs = self.interface.begin(integers, pinned, generators[0])
+        if self._theta is None or self._obs is None or mask.all():
+            self._theta, self._obs = theta, obs
+            return
+        self._theta, self._obs = self._theta.copy(), self._obs.copy()
+        self._theta[chosen], self._obs[chosen] = theta, obs
+
+    def _reset_mask(self, mask: Any) -> Flags:
+        if mask is None:
+            return np.ones(self.num_envs, dtype=np.bool_)
+        array = np.asarray(mask)
+        if array.shape != (self.num_envs,) or array.dtype != np.bool_ or not array.any():
+            raise ValueError(
+                f"options['reset_mask'] must be a boolean array of shape ({self.num_envs},) "
+                "with a true value in it."
+            )
+        if self._theta is None:
+            raise ResetNeeded("The first reset() must reset every sub-environment.")
+        return array
+
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: Flags) -> None:
+        generators = self._own_generators()
+        if seed is None:
+            return
+        for i, one in enumerate(_seeds(seed, self.num_envs)):
+            if mask[i] and one is not None:
+                generators[i], self._seeds[i] = seeding.np_random(one)
+
+    def _own_generators(self) -> list[np.random.Generator]:
+        if self._generators is None:
+            pairs = [seeding.np_random() for _ in range(self.num_envs)]
+            self._generators = [generator for generator, _ in pairs]
+            self._seeds = [seed for _, seed in pairs]
+        return self._generators
+
+
+def plant_vector_env(num_envs: int = 1, *, plant: str | Plant) -> TuningVectorEnv:
+    """Entry point of ``yawrate/Plant-v0`` as a batch; `plant` as for the scalar one."""
+    return TuningVectorEnv(num_envs, Interface.of(find(plant)))
+
+
+def _seeds(seed: Any, count: int) -> list[int | None]:
+    """One seed or None for each of `count` sub-environments, all checked."""
+    if isinstance(seed, str | bytes | Mapping):
+        raise ValueError(f"seed = {seed!r} is not a number. Give an integer, or one each.")
+    if not isinstance(seed, Iterable):
+        first = validation.count("seed", seed, at_least=0, remedy=_SEED)
+        return [first + i for i in range(count)]
+    seeds = [
+        None if one is None else validation.count(f"seed[{i}]", one, at_least=0, remedy=_SEED)
+        for i, one in enumerate(seed)
+    ]
+    if len(seeds) != count:
+        raise ValueError(f"{len(seeds)} seeds for {count} sub-environments. Give one each.")
+    return seeds

@@ -1,4 +1,4 @@
-"""Where pictures of an episode go: arrays of pixels, or a window."""
+"""Show pictures of an episode: as arrays of pixels, or in a window."""
 
 from typing import TYPE_CHECKING
 

@@ -1,27 +1,34 @@
-"""The environment ``yawrate/PITuning-v0``: a batch of one."""
+"""The environments of the yaw-rate vehicle, ``yawrate/PITuning-v0`` and its nonlinear twin."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from yawrate_env.env import interaction
-from yawrate_env.vehicle.episode import WORDS, Draw
+from yawrate_env import validation
+from yawrate_env.env.interface import Array, Observation
+from yawrate_env.env.tuning_env import TuningEnv
+from yawrate_env.env.vector_env import TuningVectorEnv
+from yawrate_env.env.yaw_rate_interface import interface_of, task_of
+from yawrate_env.vehicle.nonlinear.twin import NonlinearTwin
 from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import context_of
 
-Observation = NDArray[np.float32]
 Range = float | Sequence[float]
+Parameters = Mapping[str, float] | None
+Pixels = NDArray[np.uint8]
 
 
-class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
+class PITuningEnv(TuningEnv):
     """Tune the yaw-rate PI controller of an unknown vehicle from one recorded episode.
 
     ## Description
 
-    A vehicle's friction and mass are drawn at random and hidden.  What is shown is one
+    A vehicle's friction and mass are drawn at random and hidden.  The observation is one
     identification episode: the steering command, a pseudo-random binary signal, and the
     noisy yaw rate.  One action, the gains of a PI controller, ends the episode; the
     reward says how far the closed loop's phase margin and crossover are from the target.
@@ -67,7 +74,7 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
     After the step: `kp`, `Ti` (as applied), `clipped`, `phase_margin` [deg], `crossover`
     [Hz], `gain_margin` [dB], `stable`, `oracle_kp`, `oracle_Ti`, `mu_s`, `M_delta`, `v_x`.
-    `reset` tells nothing about the truth.
+    The info of `reset` is empty.
 
     ## Arguments
 
@@ -99,9 +106,9 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
     ## For learning agents
 
-    `yawrate/PITuningFeatures-v0` shows standardised features of the recording and takes
+    `yawrate/PITuningFeatures-v0` gives standardised features of the recording and takes
     actions in [-1, 1], the controller's log magnitude and phase at the crossover;
-    `compressor="armax"` shows others.  Any plant of your own has the same two, made from its
+    `features="armax"` gives others.  Any plant of your own has the same two, made from its
     description: `yawrate/Plant-v0` and `yawrate/PlantFeatures-v0` ([plants](plants.md)).
 
     ## Version history
@@ -109,10 +116,7 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     * v0: first version.
     """
 
-    metadata: dict[str, Any] = {
-        "render_modes": ["human", "rgb_array"],
-        "render_fps": 1,
-    }
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 1}
 
     def __init__(
         self,
@@ -136,7 +140,7 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         decimate: int = 1,
         render_mode: str | None = None,
     ) -> None:
-        self.task: Task = interaction.task_of(
+        task = task_of(
             Ts=Ts,
             N=N,
             snr_db=snr_db,
@@ -153,70 +157,50 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             v_x=v_x,
             vehicle=vehicle,
         )
-        self.observation_space: Any = interaction.observation_space(
-            self.task.experiment, visible, decimate
-        )
-        self.action_space: Any = interaction.action_space()
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(
-                f"render_mode = {render_mode!r} is unknown. "
-                f"Use None or one of {', '.join(self.metadata['render_modes'])}."
-            )
+        if render_mode is not None:
+            validation.one_of("render_mode", render_mode, tuple(self.metadata["render_modes"]))
         self.render_mode = render_mode
-        self.visible, self.decimate = visible, int(decimate)
-        self._drawn: Draw | None = None
-        self._obs: Observation | None = None
-        self._gains: NDArray[np.float64] | None = None
+        self.visible = visible
         self._window: Any = None
+        self._adopt(task, decimate)
+
+    def _adopt(self, task: Task, decimate: int) -> None:
+        """Take episodes and loops from this task."""
+        self.task = task
+        super().__init__(interface_of(task, self.visible, decimate))
+        self.decimate = self.interface.decimate
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Draw a vehicle and record its episode."""
-        fixed = interaction.pinned(options, 1)
-        super().reset(seed=seed)
-        words = self.np_random.bit_generator.random_raw(WORDS)[None]
-        drawn = interaction.draw(words, self.task, fixed)
-        self._obs = interaction.observe(self.task, drawn, self.visible, self.decimate)[0]
-        self._drawn, self._gains = drawn, None
+        answer = super().reset(seed=seed, options=options)
         if self.render_mode == "human":
             self.render()
-        return self._obs.copy(), {}
+        return answer
 
-    def step(
-        self, action: NDArray[np.float64]
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Close the loop with these gains and judge it."""
-        if self._drawn is None or self._obs is None or self._gains is not None:
-            raise ResetNeeded("An episode has one step. Call reset() before the next step().")
-        actions = interaction.checked_actions(np.asarray(action)[None], 1)
-        verdict, info = interaction.outcome(self.task, self._drawn.context, actions)
-        self._gains = np.array([info["kp"][0], info["Ti"][0]])
+    def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Close the loop with these gains and evaluate it."""
+        answer = super().step(action)
         if self.render_mode == "human":
             self.render()
-        return (
-            self._obs.copy(),
-            float(verdict.reward[0]),
-            True,
-            False,
-            {name: values[0].item() for name, values in info.items()},
-        )
+        return answer
 
-    def render(self) -> NDArray[np.uint8] | None:
+    def render(self) -> Pixels | None:
         """Draw the episode, the Bode plot and the step response."""
         if self.render_mode is None:
             gymnasium.logger.warn(
                 'No render_mode was given: gym.make(..., render_mode="rgb_array").'
             )
             return None
-        if self._drawn is None or self._obs is None:
+        if self._theta is None or self._obs is None:
             raise ResetNeeded("There is nothing to draw yet. Call reset() before render().")
         if self._window is None:
             from yawrate_env.env.window import Window
 
             self._window = Window(human=self.render_mode == "human")
-        frame: NDArray[np.uint8] | None = self._window.draw(
-            self.task, self._drawn.context, self._obs, self._gains
+        frame: Pixels | None = self._window.draw(
+            self.task, context_of(self._theta), self._obs, self._gains
         )
         return frame
 
@@ -225,3 +209,79 @@ class PITuningEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+class PITuningNonlinearEnv(PITuningEnv):
+    """`PITuningEnv` whose episodes are driven on saturating tyres.
+
+    Spaces, rewards, information and arguments are those of ``yawrate/PITuning-v0``.
+    Margins are those of the linearisation about straight driving, which is the linear
+    vehicle; `yawrate_env.vehicle.nonlinear.time_domain` evaluates a loop on the nonlinear one.
+
+    ## Further arguments
+
+    | name | default | meaning |
+    |---|---|---|
+    | `tyre` | `{}` | any of `shape`, `curvature`, `friction`, `friction_loss`, `stiffest_load` |
+    | `body` | `{}` | any of `height`, `track`, `front_share`, `roll_lag`, `drag` |
+    | `limits` | `{}` | any of `angle` [rad], `rate` [rad/s], of the road wheel |
+
+    ## Version history
+
+    * v0: first version.
+    """
+
+    def __init__(
+        self,
+        *,
+        tyre: Parameters = None,
+        body: Parameters = None,
+        limits: Parameters = None,
+        **linear: Any,
+    ) -> None:
+        super().__init__(**linear)
+        twin = NonlinearTwin.of(tyre=tyre, body=body, limits=limits)
+        self._adopt(replace(self.task, twin=twin), self.decimate)
+
+
+class PITuningVectorEnv(TuningVectorEnv):
+    """`num_envs` of `PITuningEnv` in one batch; keyword arguments are those of `PITuningEnv`."""
+
+    scalar: ClassVar[type[PITuningEnv]] = PITuningEnv
+    """What a sub-environment is."""
+
+    metadata: dict[str, Any] = {
+        **TuningVectorEnv.metadata,
+        "render_modes": ["rgb_array"],
+        "render_fps": 1,
+    }
+
+    def __init__(self, num_envs: int = 1, *, render_mode: str | None = None, **kwargs: Any) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode = {render_mode!r}: a batch renders to 'rgb_array' only.")
+        one = self.scalar(**kwargs)
+        super().__init__(num_envs, one.interface)
+        self.task, self.visible, self.decimate = one.task, one.visible, one.decimate
+        self.render_mode = render_mode
+
+    def render(self) -> tuple[Pixels, ...] | None:
+        """One frame a sub-environment, of the episode that waits for gains."""
+        if self.render_mode is None:
+            gymnasium.logger.warn(
+                'No render_mode was given: gym.make_vec(..., render_mode="rgb_array").'
+            )
+            return None
+        if self._theta is None or self._obs is None:
+            raise ResetNeeded("There is nothing to draw yet. Call reset() before render().")
+        from yawrate_env.env.rendering import figure, pixels
+
+        return tuple(
+            pixels(figure(self.task, context_of(theta[None]), obs, None))
+            for theta, obs in zip(self._theta, self._obs, strict=True)
+        )
+
+
+class PITuningNonlinearVectorEnv(PITuningVectorEnv):
+    """`num_envs` of `PITuningNonlinearEnv` in one batch."""
+
+    scalar: ClassVar[type[PITuningEnv]] = PITuningNonlinearEnv

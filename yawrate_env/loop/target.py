@@ -11,7 +11,7 @@ CONTROLLERS = ("pi", "printed")
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """The loop that the controller must give, and the controller's form.
+    """Phase margin and crossover that a loop must reach, and the controller's form.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What an agent may choose from: a box of coordinates that holds what the prior's plants need."""
+"""Bounds of the coordinates that agents choose from."""
 
 from itertools import product
 
@@ -12,23 +12,22 @@ from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
-_SPARE = (0.25, 0.125, 0.06, 0.03)  # of the range that is needed, beyond either end of it
-_ROUNDING = 1e-6  # of the same, there and back
+_SPARE = (0.25, 0.125, 0.06, 0.03)  # of the needed range, beyond either end of it
+_ROUNDING = 1e-6  # of the needed range, after decoding and encoding
 
 
-def reach(plant: Plant) -> tuple[Array, Array]:
+def action_bounds(plant: Plant) -> tuple[Array, Array]:
     """Lowest and highest coordinates, (m,) each.
 
-    Those that the design rule gives to plants of the prior, and a quarter of their range
-    more on either side: less where coordinates so far out are those of no gains, or of
-    negative ones where all plants need positive ones.
+    The plant's own, or else those that the design rule gives to plants of the prior and a
+    quarter of their range more on either side.  It is less where coordinates so far out give
+    no gains, or negative ones where all plants need positive ones.
     """
     if plant.action_bounds is not None:
-        low, high = validation.finite_array(
-            "reach", call("reach", plant.action_bounds), shape=(2, None)
-        )
+        found = call("action_bounds", plant.action_bounds)
+        low, high = validation.finite_array("action_bounds", found, shape=(2, None))
         if not (low < high).all():
-            raise ValueError(f"reach = {low}, {high}: give the lowest, then the highest ones.")
+            raise ValueError(f"action_bounds = {low}, {high}: give the lowest first.")
         return low, high
     gains = designed(plant)
     values = plant.parametrisation.encode(gains)
@@ -40,15 +39,15 @@ def reach(plant: Plant) -> tuple[Array, Array]:
         for share in _SPARE:
             wider = ends.copy()
             wider[side, i] += (share if side else -share) * width[i]
-            asked = corners(*wider)
-            found = plant.parametrisation.decode(asked)
-            missed = np.abs(plant.parametrisation.encode(found) - asked)
-            if (missed <= _ROUNDING * width).all() and (found[:, positive] > 0).all():
+            coordinates = corners(*wider)
+            decoded = plant.parametrisation.decode(coordinates)
+            lost = np.abs(plant.parametrisation.encode(decoded) - coordinates)
+            if (lost <= _ROUNDING * width).all() and (decoded[:, positive] > 0).all():
                 ends = wider
                 break
     return ends[0], ends[1]
 
 
 def corners(low: Array, high: Array) -> Array:
-    """(2^m, m) of a box."""
+    """Corners (2^m, m) of a box."""
     return np.array(list(product(*zip(low, high, strict=True))))

@@ -1,191 +1,211 @@
-"""What is wrong with a plant's description, found without calling any of its functions."""
+"""Checks of a plant's settings that call none of its functions."""
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from yawrate_env import validation
 from yawrate_env.plant.metric import Metric
-from yawrate_env.plant.names import check_names
+from yawrate_env.plant.names import CHECKS, check_name, check_unique
 from yawrate_env.plant.parametrisation import Parametrisation
 
-if TYPE_CHECKING:
-    from yawrate_env.plant.plant import Plant
+Check = Callable[[str, Any], Any]
 
 RELATIVE_ERROR = 0.3
-"""Of a gain: what counts as one where the plant has no judge."""
-
-_RELATIVE = "relative error of "
+"""Scale of a gain's relative error, where the plant has no `evaluate`."""
 
 SHORTEST = 16
 """Samples that an experiment has at least."""
 
-_FUNCTIONS = {"simulate": False, "design": False, "evaluate": True, "excite": True, "record": True,
-              "action_bounds": True, "loop": True}  # fmt: skip
-"""Whether None may stand for them."""
+_RELATIVE = "relative error of "
 
 
-class Filled(dict[str, Metric]):
-    """Figures of a plant without a judge, which ``dataclasses.replace`` does not take for given."""
+def checked(given: Mapping[str, Any]) -> dict[str, Any]:
+    """All settings by name, normalised; ``ValueError`` names the first that is wrong."""
+    plant = dict(given)
+    for name, check in _SETTINGS.items():
+        plant[name] = check(name, plant[name])
+    for name, check in _OF_PARAMETERS.items():
+        plant[name] = _mapping(name, plant[name], check, tuple(plant["prior"]))
+    roles = ("input", "output", *plant["measured"])
+    plant["synonyms"] = _mapping("synonyms", plant["synonyms"], _texts, roles)
+    plant["metrics"] = _metrics(plant["metrics"], plant["gains"], plant["evaluate"] is not None)
+    if plant["crossover"] is not None:
+        validation.number("crossover", plant["crossover"], above=0.0, remedy="Give it in Hz.")
+    if plant["target"] is not None:
+        counted = sum(metric.counts for metric in plant["metrics"].values())
+        target = validation.finite_array("target", plant["target"], shape=(counted,))
+        plant["target"] = tuple(target.tolist())
+    _check_limits(plant["search_limits"], plant["prior"])
+    _check_names(plant)
+    return plant
 
 
-def check_settings(plant: "Plant") -> None:
-    """Everything that can be checked without calling anything; normalises what it can."""
-    _check_types(plant)
-    prior = _prior(plant.prior)
-    gains = _gains(plant.gains)
-    figures = _figures(plant, gains)
-    check_names(tuple(prior), gains, tuple(figures), tuple(plant.measured))
-    values = {
-        "prior": prior,
-        "u": _input(plant.u),
-        "Ts": validation.number(
-            "Ts", plant.Ts, above=0.0, remedy="Give the sampling time in seconds."
-        ),
-        "gains": gains,
-        "metrics": figures,
-        "measured": _measured(plant.measured, prior),
-        "search_limits": _search_limits(plant.search_limits, prior),
-        "linear": validation.flag("linear", plant.linear),
-        "batched": validation.flag("batched", plant.batched),
-    }
-    if plant.crossover is not None:
-        validation.number("crossover", plant.crossover, above=0.0, below=0.5 / values["Ts"],
-                          remedy="Give it in Hz, below half the sampling rate.")  # fmt: skip
-    _check_plausible(plant.plausible)
-    if plant.target is not None:
-        target = validation.finite_array(
-            "target", plant.target, shape=(sum(m.counts for m in figures.values()),)
-        )
-        values["target"] = tuple(target.tolist())
-    if not callable(plant.noise):
-        validation.number("noise", plant.noise, at_least=0.0, remedy="Give a standard deviation.")
-    for name, value in values.items():
-        object.__setattr__(plant, name, value)
-
-
-def _check_types(plant: "Plant") -> None:
-    for name, optional in _FUNCTIONS.items():
-        validation.function(name, getattr(plant, name), optional=optional)
-    remedy = "Give LOG, GAINS, loop(target) or Parametrisation(encode, decode)."
-    validation.instance("coordinates", plant.parametrisation, Parametrisation, remedy=remedy)
-    for name in ("encode", "decode"):
-        validation.function(f"coordinates.{name}", getattr(plant.parametrisation, name))
-    validation.function("coordinates.names", plant.parametrisation.names, optional=True)
-    if plant.black_box is not None:
-        order, pole = plant.black_box
-        validation.count("black_box's order", order, remedy="Give some 20.")
-        validation.number("black_box's pole", pole, above=0.0, remedy="Give it in rad/s.")
-    if not isinstance(plant.entry, str):
-        raise ValueError(f'entry = {plant.entry!r} must be a text, as in "my_plant:plant".')
-    signals: Any = plant.signals
-    if not isinstance(signals, Sequence) or isinstance(signals, str) or len(signals) != 2:
-        raise ValueError(
-            f'signals = {signals!r} must be two texts, as in ("voltage [V]", "speed [rad/s]").'
-        )
-    for name, signal in zip(("input", "output"), signals, strict=True):
-        validation.text(f"signals' {name}", signal)
-    object.__setattr__(plant, "signals", tuple(signals))
-
-
-def _prior(prior: Any) -> dict[str, tuple[float, float]]:
-    if not isinstance(prior, Mapping) or not prior:
-        raise ValueError('prior must name at least one parameter, as in {"J": (0.01, 0.03)}.')
-    for name in prior:
-        validation.text("prior's parameter", name)
-    return {name: validation.interval(f"prior {name}", r) for name, r in prior.items()}
-
-
-def _gains(gains: Any) -> tuple[str, ...]:
-    if isinstance(gains, str) or not isinstance(gains, Sequence) or not gains:
-        raise ValueError(f'gains = {gains!r} must be names, as in ("kp", "Ti").')
-    return tuple(validation.text(f"gains[{i}]", name) for i, name in enumerate(gains))
-
-
-def _input(u: Any) -> Any:
-    values = validation.finite_array("u", u, shape=(None,))
+def check_experiment(u: Any, Ts: float, crossover: float | None) -> None:
+    """``ValueError`` where an experiment is too short or sampled too slowly to learn from."""
     remedy = "Describe a longer experiment."
-    validation.count("number of samples of u", len(values), at_least=SHORTEST, remedy=remedy)
-    if not values.any():
-        raise ValueError("u is zero everywhere: nothing moves. Give an input that excites.")
-    return np.array(values)  # the caller's may change
+    validation.count("number of samples of u", len(u), at_least=SHORTEST, remedy=remedy)
+    if crossover is not None:
+        remedy = "Give it in Hz, below half the sampling rate."
+        validation.number("crossover", crossover, below=0.5 / Ts, remedy=remedy)
 
 
-def _check_plausible(plausible: Any) -> None:
-    if not isinstance(plausible, Sequence) or len(plausible) != 2:
+def _mapping(name: str, value: Any, check: Check, keys: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Values by name; where `keys` are given, the names are among them."""
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{name} = {value!r} must be a dict of names and values.")
+    for key in value:
+        if keys:
+            validation.one_of(f"{name}'s parameter", key, keys)
+        validation.text(f"a name in {name}", key)
+    return {key: check(f"{name} {key}", each) for key, each in value.items()}
+
+
+def _prior(name: str, value: Any) -> dict[str, tuple[float, float]]:
+    if not value:
+        raise ValueError('prior must name at least one parameter, as in {"J": (0.01, 0.03)}.')
+    return _mapping(name, value, validation.interval)
+
+
+def _gains(name: str, value: Any) -> tuple[str, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence) or not value:
+        raise ValueError(f'gains = {value!r} must be names, as in ("kp", "Ti").')
+    return tuple(validation.text(f"gains[{i}]", name) for i, name in enumerate(value))
+
+
+def _texts(name: str, value: Any) -> tuple[str, ...]:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise ValueError(f'{name} = {value!r} must be texts, as in ("steer", "u").')
+    return tuple(validation.text(name, each) for each in value)
+
+
+def _input(name: str, value: Any) -> Any:
+    u = validation.finite_array(name, value, shape=(None,))
+    if not u.any():
+        raise ValueError("u is zero everywhere. Give an input that excites the plant.")
+    return np.array(u)  # the caller may change theirs
+
+
+def _noise(name: str, value: Any) -> Any:
+    if callable(value):
+        return value
+    return validation.number(name, value, at_least=0.0, remedy="Give a standard deviation.")
+
+
+def _pair(name: str, value: Any, example: str, first: Check, second: Check) -> tuple[Any, Any]:
+    if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != 2:
+        raise ValueError(f"{name} = {value!r} must be a pair, as in {example}.")
+    return first(f"first of {name}", value[0]), second(f"second of {name}", value[1])
+
+
+def _largest(name: str, value: Any) -> float:
+    remedy = "Give the largest plausible value, or inf."
+    return np.inf if value == np.inf else validation.number(name, value, above=0.0, remedy=remedy)
+
+
+def _black_box(name: str, value: Any) -> Any:
+    pole = partial(validation.number, above=0.0, remedy="Give it in rad/s.")
+    return None if value is None else _pair(name, value, "(20, 12.0)", validation.count, pole)
+
+
+def _interval_or_none(name: str, value: Any) -> Any:
+    return None if value is None else validation.interval(name, value)
+
+
+def _metric(name: str, value: Any) -> Metric:
+    if isinstance(value, Metric):
+        return value
+    remedy = "Give the error that counts as one."
+    return Metric(validation.number(name, value, above=0.0, remedy=remedy))
+
+
+def _metrics(given: Any, gains: tuple[str, ...], evaluated: bool) -> dict[str, Metric]:
+    """Metrics of `evaluate`; without one, the gains' relative errors, by gain."""
+    metrics = _mapping("metrics", given, _metric)
+    scales = {n.removeprefix(_RELATIVE): m for n, m in metrics.items() if n.startswith(_RELATIVE)}
+    own = {name: metric for name, metric in metrics.items() if not name.startswith(_RELATIVE)}
+    if evaluated and not own:
         raise ValueError(
-            f"plausible = {plausible!r} must be the largest input and output, as in (1.0, 20.0)."
+            "evaluate and metrics belong together. Give metrics the names of what evaluate returns "
+            'and the errors that count as one, as in {"phase_margin [deg]": 10.0}.'
         )
-    for signal, largest in zip(("input", "output"), plausible, strict=True):
-        if largest != np.inf:
-            remedy = "Say what is too large to be."
-            validation.number(f"plausible {signal}", largest, above=0.0, remedy=remedy)
+    if evaluated:
+        return own
+    for name in own:
+        validation.one_of("metrics without evaluate: a gain's name", name, gains)
+    scales |= own
+    return {f"{_RELATIVE}{n}": scales.get(n, Metric(RELATIVE_ERROR)) for n in gains}
 
 
-def _measured(measured: Any, prior: Mapping[str, Any]) -> dict[str, float]:
-    _check_mapping("measured", measured, '{"speed": 0.25}')
-    found, remedy = {}, "Say how far outside the prior it may lie."
-    for name, slack in measured.items():
-        validation.one_of("measured parameter", name, tuple(prior))
-        found[name] = validation.number(f"measured {name}", slack, at_least=0.0, remedy=remedy)
-    return found
-
-
-def _search_limits(
-    limits: Any, prior: Mapping[str, tuple[float, float]]
-) -> dict[str, tuple[float, float]]:
-    _check_mapping("search_limits", limits, '{"J": (0.001, 0.1)}')
-    found = {}
-    for name, value in limits.items():
-        validation.one_of("search_limits' parameter", name, tuple(prior))
-        low, high = found[name] = validation.interval(f"search_limits {name}", value)
+def _check_limits(limits: Mapping[str, Any], prior: Mapping[str, Any]) -> None:
+    for name, (low, high) in limits.items():
         least, most = prior[name]
         if low > least or high < most:
             raise ValueError(
                 f"search_limits {name} = [{low:g}, {high:g}] must contain the prior's "
                 f"[{least:g}, {most:g}]. Widen the limits."
             )
-    return found
 
 
-def _figures(plant: "Plant", gains: tuple[str, ...]) -> dict[str, Metric]:
-    """Those given, or where there is no judge the gains' relative errors."""
-    _check_mapping("metrics", plant.metrics, '{"phase_margin [deg]": 10.0}')
-    if plant.evaluate is None:
-        return _of_gains(plant.metrics, gains)
-    if not plant.metrics or isinstance(plant.metrics, Filled):
-        raise ValueError(
-            "judge and figures belong together. Give figures the names of what judge returns and "
-            'the errors that count as one, as in {"phase_margin [deg]": 10.0}.'
-        )
-    for name in plant.metrics:
-        validation.text("metrics' name", name)
-    return {name: _figure(name, value) for name, value in plant.metrics.items()}
+def _check_names(plant: Mapping[str, Any]) -> None:
+    """Each name stands for one thing in an info, a result, a log and among the checks."""
+    labels = {name: plant["labels"].get(name, name) for name in plant["prior"]}
+    metrics = plant["metrics"]
+    check_unique({"parameter": labels, "gain": plant["gains"], "metric": metrics})
+    check_unique({"parameter's label": labels.values()})
+    check_unique({
+        "check of every recording": CHECKS,
+        "measured parameter": [labels[name] for name in plant["measured"]],
+        "metric's check": [check_name(name, of) for name in metrics for of in ("error", "spread")],
+    })  # fmt: skip
 
 
-def _of_gains(figures: Mapping[str, float | Metric], gains: tuple[str, ...]) -> Filled:
-    """Relative errors of gains, which figures may give the scale of."""
-    if isinstance(figures, Filled):  # a description that was filled in, and has changed since
-        figures = {name.removeprefix(_RELATIVE): value for name, value in figures.items()}
-        figures = {name: value for name, value in figures.items() if name in gains}
-    for name in figures:
-        if name not in gains:
-            raise ValueError(
-                f"metrics' name = {name!r}: without a judge figures are the gains' relative "
-                f"errors. Give a judge, or what counts as one of {', '.join(gains)}."
-            )
-    scales = {name: figures.get(name, RELATIVE_ERROR) for name in gains}
-    return Filled({f"{_RELATIVE}{name}": _figure(name, scales[name]) for name in gains})
+def _display(name: str, value: Any) -> Any:
+    """Pairs of a label and a factor, of input and output."""
+    factor = partial(validation.number, above=0.0, remedy="Give the factor to the label's unit.")
+    labelled = partial(_pair, example='("speed [rpm]", 9.55)', first=validation.text, second=factor)
+    example = '(("voltage [mV]", 1e3), ("speed [rpm]", 9.55))'
+    return None if value is None else _pair(name, value, example, labelled, labelled)
 
 
-def _figure(name: str, value: float | Metric) -> Metric:
-    if isinstance(value, Metric):
-        return value
-    remedy = "Give the error that counts as one."
-    return Metric(validation.number(f"figure {name}", value, above=0.0, remedy=remedy))
+_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks")
 
+_SETTINGS: dict[str, Check] = {
+    "prior": _prior,
+    "simulate": validation.function,
+    "design": validation.function,
+    **dict.fromkeys(_OPTIONAL, partial(validation.function, optional=True)),
+    "gains": _gains,
+    "u": _input,
+    "Ts": partial(validation.number, above=0.0, remedy="Give the sampling time in seconds."),
+    "noise": _noise,
+    "parametrisation": partial(
+        validation.instance, kind=Parametrisation,
+        remedy="Give LOG, GAINS, loop(target) or Parametrisation(encode, decode).",
+    ),
+    "linear": validation.flag,
+    "batched": validation.flag,
+    "plausible": partial(_pair, example="(1.0, 20.0)", first=_largest, second=_largest),
+    "signals": partial(
+        _pair, example='("voltage [V]", "speed [rad/s]")', first=validation.text,
+        second=validation.text,
+    ),
+    "entry": partial(
+        validation.instance, kind=str, remedy='Give a text, as in "my_plant:plant".'
+    ),
+    **dict.fromkeys(("messages", "cautions"), partial(_mapping, check=validation.text)),
+    **dict.fromkeys(("arguments", "synonyms"), partial(_mapping, check=lambda name, value: value)),
+    "black_box": _black_box,
+    "command_limits": _interval_or_none,
+}  # fmt: skip
 
-def _check_mapping(name: str, value: Any, example: str) -> None:
-    if not isinstance(value, Mapping):
-        raise ValueError(f"{name} = {value!r} must be names with values, as in {example}.")
+_OF_PARAMETERS: dict[str, Check] = {
+    "measured": partial(
+        validation.number, at_least=0.0, remedy="Give how far outside the prior it may lie."
+    ),
+    "labels": validation.text,
+    "extrapolation": validation.interval,
+    "search_limits": validation.interval,
+}

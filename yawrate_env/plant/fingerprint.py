@@ -43,7 +43,7 @@ def changed(plant: Plant, then: dict[str, Any], parts: tuple[str, ...] = ()) -> 
     then : dict
         An earlier `fingerprint`.
     parts : tuple of str, optional
-        What to compare, such as `OF_EPISODES`; everything by default.
+        Parts to compare, such as `OF_EPISODES`; all by default.
     """
     settings = _settings(plant)  # compared first: another prior may not even be simulated
     for name in settings:
@@ -63,7 +63,7 @@ def _settings(plant: Plant) -> dict[str, Any]:
         "measured": [[name, slack] for name, slack in plant.measured.items()],
         "metrics": [
             [name, *(_finite(getattr(metric, of)) for of in ("scale", "error", "spread"))]
-            for name, metric in plant.metrics.items()
+            for name, metric in plant.settings.items()
         ],
         "target": None if plant.target is None else list(plant.target),
         "linear": plant.linear,

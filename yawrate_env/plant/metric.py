@@ -7,7 +7,7 @@ import numpy as np
 
 from yawrate_env import validation
 
-_ERROR, _SPREAD = 0.2, 0.1  # of the scale: trusted if nothing else is said
+_ERROR, _SPREAD = 0.2, 0.1  # of the scale: trusted by default
 
 
 @dataclass(frozen=True, slots=True)

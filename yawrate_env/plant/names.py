@@ -1,66 +1,66 @@
-"""Names that a plant gives: each stands for one thing in an info, a check and a result."""
+"""Names of a plant's parameters, gains and metrics, with their units in brackets."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 
 INFO = ("clipped", "stable")
-"""What the environment's info says beside gains, figures and parameters."""
+"""Entries of the environment's info beside gains, metrics and parameters."""
 
 ORACLE = "oracle_"
-"""Before a gain's name in the info: what the design rule gives."""
+"""Begins the info's entries for the design rule's gains."""
 
 CHECKS = (
     "implausible", "misfit", "response", "noise", "colour", "outside", "unsolved", "between",
 )  # fmt: skip
-"""Checks of a recording that no plant names."""
+"""Checks that every plant's recordings undergo."""
 
 
 def split(name: str) -> tuple[str, str]:
-    """A name without its unit, and the unit: ``speed [rad/s]`` in two."""
-    words, _, unit = name.partition(" [")
-    return words, unit.removesuffix("]")
+    """Split ``speed [rad/s]`` into name and unit."""
+    bare, _, unit = name.partition(" [")
+    return bare, unit.removesuffix("]")
 
 
 def valued(name: str, value: float) -> str:
     """A quantity and its value: ``speed 20 rad/s``."""
-    words, unit = split(name)
-    return f"{words} {value:.4g} {unit}".rstrip()
+    bare, unit = split(name)
+    return f"{bare} {value:.4g} {unit}".rstrip()
 
 
 def word(signal: str, otherwise: str) -> str:
-    """A signal's name without its unit; what it is, where the name is a symbol or missing."""
+    """A signal's name without its unit, or `otherwise` where the name is a symbol or missing."""
     name, _ = split(signal)
     return name if len(name) > 1 else otherwise
 
 
-def check_names(
-    prior: Sequence[str], gains: Sequence[str], figures: Sequence[str], measured: Sequence[str]
-) -> None:
-    """``ValueError`` where one name would stand for two things."""
-    seen = dict.fromkeys(INFO, "word of the environment's info")
-    for what, names in (("parameter", prior), ("gain", gains), ("figure", figures)):
+def check_name(metric: str, of: str) -> str:
+    """Name of the check of a metric's ``error`` or ``spread``."""
+    return f"{_identifier(metric)}_{of}"
+
+
+def check_unique(kinds: Mapping[str, Iterable[str]]) -> None:
+    """``ValueError`` where two names are equal but for their units.
+
+    Parameters
+    ----------
+    kinds : dict
+        Kinds of names, such as ``gain``, to the names.
+    """
+    seen = dict.fromkeys(INFO, "entry of the environment's info")
+    for kind, names in kinds.items():
         for name in names:
-            if name in seen:
-                raise ValueError(f"{name!r} is the name of a {what} and of a {seen[name]}. "
-                                 "Rename one.")  # fmt: skip
-            if name.startswith(ORACLE):
-                raise ValueError(f"{what} {name!r}: names that begin with {ORACLE} are the design "
-                                 "rule's gains. Rename it.")  # fmt: skip
-            seen[name] = what
-    checks = dict.fromkeys(CHECKS, "check of every recording")
-    checks |= dict.fromkeys(measured, "measured parameter")
-    if clash := set(CHECKS) & set(measured):
-        raise ValueError(f"measured {min(clash)!r} is the name of a check too. Rename it.")
-    for name in figures:
-        for what in ("error", "spread"):
-            check = check_name(name, what)
-            if check in checks:
+            bare = _identifier(name)
+            if bare in seen:
                 raise ValueError(
-                    f"figure {name!r} would have a check {check!r}, as has {checks[check]!r}. "
-                    "Rename one; units in brackets do not tell them apart."
+                    f"{name!r} is the name of a {kind} and of a {seen[bare]}. Rename one; units "
+                    "in brackets do not count."
                 )
-            checks[check] = name
+            if bare.startswith(ORACLE):
+                raise ValueError(
+                    f"{kind} {name!r} begins with {ORACLE}, as the design rule's gains do in the "
+                    "environment's info. Rename it."
+                )
+            seen[bare] = kind
 
 
-def check_name(figure: str, what: str) -> str:
-    """How the check of a figure's ``error`` or ``spread`` is called: without its unit."""
-    return f"{split(figure)[0].replace(' ', '_')}_{what}"
+def _identifier(name: str) -> str:
+    return split(name)[0].replace(" ", "_")

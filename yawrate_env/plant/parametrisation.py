@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yawrate_env import validation
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import design_from_response
 from yawrate_env.loop.target import Target
@@ -35,6 +36,11 @@ class Parametrisation:
     decode: Callable[[Array], Array]
     names: Callable[[Names], Names] | None = None
     target: Target | None = None
+
+    def __post_init__(self) -> None:
+        validation.function("parametrisation.encode", self.encode)
+        validation.function("parametrisation.decode", self.decode)
+        validation.function("parametrisation.names", self.names, optional=True)
 
 
 def scale_to_bounds(actions: NDArray[np.floating], low: Array, high: Array) -> Array:

@@ -31,7 +31,7 @@ METRICS = {"phase_margin [deg]": PHASE_SCALE, "crossover [Hz]": CROSSOVER_SCALE}
 
 @dataclass(frozen=True, slots=True)
 class PILoop:
-    """What a `Plant` needs beside its prior and experiment.
+    """Simulator, design rule and evaluation for a `Plant`.
 
     Attributes
     ----------
@@ -40,9 +40,9 @@ class PILoop:
     Ts : float
         Sampling time of the experiment [s].
     target : Target
-        What the loop must do, and the controller's sampling time.
+        Design target, and the controller's sampling time.
     signals : tuple of str
-        What input and output are called in pictures, with their units, as the plant says it.
+        Names of input and output in pictures, with their units.
     """
 
     discrete: Callable[[Array, float], DiscretePlant]
@@ -103,7 +103,7 @@ class PILoop:
         return Loops.of(self.discrete(theta, self.target.Ts), self.target)
 
     def _responses(self, plant: DiscretePlant, kp: Array, Ti: Array) -> tuple[Response, Response]:
-        """Of the output to a reference, and to what is added to the input."""
+        """Responses of the output to a step of the reference, and to one of the input."""
         target, (input, output) = self.target, self.signals
         time = target.Ts * np.arange(round(4 / target.crossover / target.Ts) + 1, dtype=np.float64)
         one, zero = np.ones(len(time)), np.zeros(len(time))

@@ -4,8 +4,8 @@ Everything is batched, ``(B, ...)``; functions that take one plant at a time are
 loop.  `docs/plants.md` says what each function must do.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import InitVar, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 
 from yawrate_env import validation
 from yawrate_env.compiled import LANES, over_blocks
-from yawrate_env.plant.calls import call
-from yawrate_env.plant.checks import check_settings
+from yawrate_env.plant.calls import call, rows
+from yawrate_env.plant.checks import check_experiment, checked
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import split
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
-from yawrate_env.plant.reward import reward
+from yawrate_env.plant.reward import defined, reward
 from yawrate_env.plant.sensitivity import Sensitivity
-from yawrate_env.plant.trial import check_functions
 from yawrate_env.signals.noise import add_white_noise
 
 Array = NDArray[np.float64]
@@ -29,6 +28,7 @@ Flags = NDArray[np.bool_]
 Integers = NDArray[np.uint64]
 Noise = float | Callable[[Array], Array]
 Range = tuple[float, float]
+Out = NDArray[np.floating] | None
 
 _DECIBELS = 400.0  # beyond float64's digits, either way
 _MARGIN = 0.5  # of a range's width, by which the search for parameters may leave the prior
@@ -56,7 +56,7 @@ class Plant:
     """A family of plants, the experiment on them, and the design rule that knows their gains.
 
     Each function is called once when a plant is described, with the parameters in the middle
-    of the prior; what is wrong raises ``ValueError``.
+    of the prior; a bad setting or answer raises ``ValueError``.
 
     Attributes
     ----------
@@ -120,6 +120,16 @@ class Plant:
     synonyms : dict, optional
         ``input``, ``output`` and names of measured parameters to further column names that logs
         give them.
+    cautions : dict, optional
+        Column names, in lower case letters, that may stand for another quantity than the input,
+        to the sentence that a log with such a column gets.
+    actuator : callable, optional
+        ``actuator(signal, Ts)``: response (N,) of the known actuator in front of the plant to a
+        signal (N,) that is linear between its samples, from steady state.  Logs may then hold
+        the actuator's measured position instead of its command.
+    remarks : callable, optional
+        ``remarks(u, y, measured)``: sentences on what a log's input (N,), output (N,) and
+        measured parameters {name: (N,)} leave out of account.
     messages : dict, optional
         Checks of a recording (`tuners.trust.checks`) to the sentence that is shown where they
         fail, in the terms of this plant.
@@ -131,8 +141,9 @@ class Plant:
     extrapolation : dict, optional
         Ranges of some parameters outside the prior, for the ``extrapolation`` set of episodes.
     record : callable, optional
-        For speed: ``record(theta, u, keys)``, simulation and noise in one, for inputs (1, N) or
-        (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`.
+        For speed: ``record(theta, u, keys, out)``, simulation and noise in one, for inputs (1, N)
+        or (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`; where `out` (B, N)
+        is not None the outputs are written there.
     sensitivity : Sensitivity, optional
         For speed: exact slopes of the output, with which its parameters are found from one start
         instead of several; by differences if omitted.
@@ -149,9 +160,19 @@ class Plant:
     loop : callable, optional
         ``loop(theta, gains)``, of one plant: parameters (p,) and gains (k,) to the `ClosedLoop`
         that reports draw.
+    display : tuple, optional
+        Names of input and output in reports with their units, and factors from the units of
+        `signals` to these: ``(("steering [deg]", 57.3), ("yaw rate [deg/s]", 57.3))``; by
+        default `signals` and 1.
+    command_limits : tuple of float, optional
+        Least and largest input that the actuator takes, where known: exported controllers
+        saturate there.
     black_box : tuple, optional
         Order and pole [rad/s] of the Laguerre basis of the reference model; chosen
         automatically if omitted.
+    check : bool
+        False leaves out the trial call of each function, and the demand that something can be
+        learned from the experiment.
     """
 
     prior: Mapping[str, Range]
@@ -174,21 +195,41 @@ class Plant:
     signals: tuple[str, str] = ("u", "y")
     labels: Mapping[str, str] = field(default_factory=dict)
     synonyms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    cautions: Mapping[str, str] = field(default_factory=dict)
+    actuator: Callable[[Array, float], Array] | None = None
+    remarks: Callable[[Array, Array, Mapping[str, Array]], Sequence[str]] | None = None
     messages: Mapping[str, str] = field(default_factory=dict)
     entry: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)
     extrapolation: Mapping[str, Range] = field(default_factory=dict)
-    record: Callable[[Array, Array, Integers], Array] | None = None
+    record: Callable[[Array, Array, Integers, Out], NDArray[np.floating]] | None = None
     sensitivity: Sensitivity | None = None
     linear_model: "Plant | None" = None
     search_limits: Mapping[str, Range] = field(default_factory=dict)
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
+    display: tuple[tuple[str, float], tuple[str, float]] | None = None
+    command_limits: Range | None = None
     black_box: tuple[int, float] | None = None
+    check: InitVar[bool] = True
 
-    def __post_init__(self) -> None:
-        check_settings(self)
-        check_functions(self)
+    def __post_init__(self, check: bool) -> None:
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        for name, value in checked(given).items():
+            object.__setattr__(self, name, value)
+        if check:
+            check_experiment(self.u, self.Ts, self.crossover)
+            self._try_in_the_middle()
+
+    def _try_in_the_middle(self) -> None:
+        try:
+            self._try_functions()
+        except ValueError as error:
+            hint = " For functions of one plant set batched=False." if self.batched else ""
+            why = str(error).removesuffix(".")
+            raise ValueError(f"In the middle of the prior {why}.{hint}") from (
+                error.__cause__ or error
+            )
 
     @property
     def ranges(self) -> tuple[Array, Array]:
@@ -270,7 +311,7 @@ class Plant:
         def simulated(t: Array, v: Array | None = None) -> Array:
             return self.simulate(t, given[0].copy() if v is None else v, rng)
 
-        return self._each("simulate", simulated, given.shape[1], theta, *own)[0]
+        return self._rows("simulate", simulated, given.shape[1], theta, *own)[0]
 
     def inputs(self, integers: Integers) -> Array:
         """Inputs of B experiments, (1, N) or (B, N), from a random integer each."""
@@ -279,51 +320,56 @@ class Plant:
         u = validation.float_array("excite's answer", call("excite", self.excite, integers))
         if u.ndim != 2:
             raise ValueError(
-                f"excite gave shape {u.shape}. Give an input for each integer, (B, N)."
+                f"excite's answer has shape {u.shape}. Give an input for each integer, (B, N)."
             )
         return u
 
-    def measure(self, theta: Array, u: Array, keys: Integers, rng: Any = None) -> Array:
-        """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4)."""
+    def measure(
+        self, theta: Array, u: Array, keys: Integers, rng: Any = None, out: Out = None
+    ) -> Array:
+        """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4).
+
+        They are written into `out` (B, N) float32 or float64, if given; it may be a strided view.
+        """
         if self.record is not None:
-            return np.asarray(call("record", self.record, theta, u, keys))
+            return np.asarray(call("record", self.record, theta, u, keys, out))
         clean = np.ascontiguousarray(self.respond(theta, u, rng))
         sigma = self.sigma(clean).copy()
-        measured = np.empty_like(clean)
+        measured: Array = np.empty_like(clean) if out is None else out  # type: ignore[assignment]
 
         def work(i: int, j: int) -> None:
             add_white_noise(clean[i:j], sigma[i:j], keys[i:j], measured[i:j])
 
         over_blocks(work, len(clean), LANES)
-        return measured
+        return np.asarray(measured)
 
     def sigma(self, clean: Array) -> Array:
         """Standard deviations of the measurement noise, (B,)."""
         value = call("noise", self.noise, clean) if callable(self.noise) else self.noise
         sigma = validation.float_array("noise's answer", value)
         if sigma.shape not in ((), (1,), (len(clean),)):
-            raise ValueError(f"noise gave shape {sigma.shape}, wanted {(len(clean),)}.")
+            raise ValueError(f"noise's answer has shape {sigma.shape}, not {(len(clean),)}.")
         return np.broadcast_to(sigma, len(clean))
 
     def oracle(self, theta: Array) -> Array:
         """Gains (B, k) of the design rule that knows the parameters."""
         return self.designs(theta)[0]
 
-    def designs(self, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def designs(self, theta: Array) -> tuple[Array, Flags]:
         """Gains (B, k) of the design rule, and whether they exist and reach the target (B,).
 
         Nothing should be learned from gains that only come near it.
         """
-        gains, reached = self._each("design", self.design, len(self.gains), theta)
+        gains, reached = self._rows("design", self.design, len(self.gains), theta)
         found = np.isfinite(gains).all(axis=1)
         return gains, np.asarray(found if reached is None else found & reached)
 
     @property
     def counted(self) -> tuple[str, ...]:
         """Names of the f metrics that count in the reward; others are only reported."""
-        return tuple(name for name in self.metrics if self._settings(name).counts)
+        return tuple(name for name, metric in self.settings.items() if metric.counts)
 
-    def evaluation(self, theta: Array, gains: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def evaluation(self, theta: Array, gains: Array) -> tuple[Array, Flags]:
         """All metrics (B, m) of gains as `evaluate` gives them, and whether loops are stable."""
         if self.evaluate is None:
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -334,7 +380,7 @@ class Plant:
         stable = np.zeros(len(theta), dtype=np.bool_)
         if usable.any():
             width, given = len(self.metrics), (theta[usable], gains[usable])
-            found, known = self._each("evaluate", self.evaluate, width, *given)
+            found, known = self._rows("evaluate", self.evaluate, width, *given)
             values[usable] = found
             undefined = np.isnan(found[:, self._counted]).any(axis=1)
             stable[usable] = ~undefined if known is None else known
@@ -346,10 +392,11 @@ class Plant:
         ``nan`` where there are no gains or the loop is unstable, ``inf`` where it is stable and
         a metric is undefined.
         """
-        values, stable = self.evaluation(theta, gains)
-        values = values[:, self._counted]
-        defined = np.where(np.isfinite(values), values, np.inf)
-        return np.where(stable[:, None], defined, np.nan)
+        return self.counted_values(*self.evaluation(theta, gains))
+
+    def counted_values(self, values: Array, stable: Flags) -> Array:
+        """What `metric_values` gives, from an `evaluation`."""
+        return defined(values[:, self._counted], stable)
 
     def targets(self, theta: Array) -> Array:
         """Counted metrics (B, f) that the design rule aims at, or else what it reaches."""
@@ -363,8 +410,7 @@ class Plant:
             return None
         drawn = call("loop", self.loop, theta.copy(), gains.copy())
         remedy = "Give responses, an open loop, or both."
-        validation.instance("loop's answer", drawn, ClosedLoop, remedy=remedy)
-        return drawn  # type: ignore[no-any-return]
+        return validation.instance("loop's answer", drawn, ClosedLoop, remedy=remedy)
 
     def errors(self, theta: Array, gains: Array) -> Array:
         """Distances of the counted metrics from their targets, (B, f), in their own units."""
@@ -378,18 +424,18 @@ class Plant:
         """Reward (B,) of the metrics' distances from their targets (B, f)."""
         return reward(errors / self.metric_setting("scale"))
 
+    @property
+    def settings(self) -> dict[str, Metric]:
+        """All metrics' settings, by name."""
+        return {name: m for name, m in self.metrics.items() if isinstance(m, Metric)}
+
     def metric_setting(self, of: str) -> Array:
         """(f,) ``scale``, ``error`` or ``spread`` of the counted metrics."""
-        return np.array([getattr(self._settings(name), of) for name in self.counted])
+        return np.array([getattr(self.settings[name], of) for name in self.counted])
 
     def label(self, name: str) -> str:
         """A parameter's name in logs, checks and results, with its unit."""
         return self.labels.get(name, name)
-
-    def _settings(self, name: str) -> Metric:
-        settings = self.metrics[name]
-        assert isinstance(settings, Metric)  # since the checks
-        return settings
 
     @property
     def _counted(self) -> list[int]:
@@ -399,34 +445,46 @@ class Plant:
         low, high = self.prior[name]
         return low < high
 
-    def _each(
+    def _rows(
         self, name: str, function: Callable[..., Any], width: int, *arrays: Array
-    ) -> tuple[Array, NDArray[np.bool_] | None]:
-        """Call for the batch, or for one at a time, and check the shape.
+    ) -> tuple[Array, Flags | None]:
+        return rows(name, function, width, self.batched, *arrays)
 
-        The second answer is that of a function that gives a pair.
-        """
-        arrays = tuple(array.copy() for array in arrays)  # theirs to write into
-        count, answer = len(arrays[0]), f"{name}'s answer"
-        flags: Any = None
-        if self.batched:
-            values = call(name, function, *arrays)
-            if isinstance(values, tuple) and len(values) == 2:
-                values, flags = values
-        else:
-            values = [call(name, function, *row) for row in zip(*arrays, strict=True)]
-            if values and isinstance(values[0], tuple) and len(values[0]) == 2:
-                values, flags = zip(*values, strict=True)
-            values = [validation.float_array(answer, row) for row in values]
-        values = validation.float_array(answer, values)
-        if values.shape != (count, width):
-            raise ValueError(f"{name} gave shape {values.shape}, wanted {(count, width)}.")
-        if flags is None:
-            return values, None
-        flags = np.asarray(flags)
-        if flags.shape != (count,) or flags.dtype != np.bool_:
+    def _try_functions(self) -> None:
+        """Call every function for two plants in the middle of the prior, and check the answers."""
+        theta, N = np.repeat(self.middle, 2, axis=0), len(self.u)
+        u, y = self.u[None], self._tried("simulate", self.respond(theta), N)
+        if not np.array_equal(y, self.respond(theta)):
+            raise ValueError("simulate is random where rng is None. Use rng for all randomness.")
+        if self.excite is not None:
+            u = self._tried("excite", self.inputs(np.array([1, 2], np.uint64)), N)
+            self._tried("simulate", self.respond(theta, u), N)
+        sigma = self._tried("noise", self.sigma(y)[:, None], 1)
+        remedy = "Give standard deviations."
+        validation.number("noise's lowest answer", sigma.min(), at_least=0.0, remedy=remedy)
+        if self.record is not None:
+            keys = np.arange(8, dtype=np.uint64).reshape(2, 4)
+            self._tried("record", self.measure(theta, u, keys), N)
+        gains = self.oracle(theta)
+        none = np.isnan(gains)
+        self._tried("design", np.where(none, 0.0, gains), len(self.gains))
+        if none.any():  # no gains for this plant; there may be for others
+            return
+        self._try_parametrisation(gains)
+        self._tried("evaluate", self.metric_values(theta, gains), len(self.counted))
+        self.closed_loop(theta[0], gains[0])
+
+    def _try_parametrisation(self, gains: Array) -> None:
+        encode, decode = self.parametrisation.encode, self.parametrisation.decode
+        coordinates = np.asarray(call("parametrisation.encode", encode, gains))
+        decoded = call("parametrisation.decode", decode, coordinates)
+        decoded = validation.float_array("parametrisation.decode's answer", decoded)
+        if decoded.shape != gains.shape or not np.allclose(decoded, gains, rtol=1e-6):
             raise ValueError(
-                f"{name} gave a pair whose second part has shape {flags.shape} and type "
-                f"{flags.dtype}, wanted {(count,)} and bool."
+                f"parametrisation does not give gains {gains[0]} back after encode and decode, but "
+                f"{decoded.ravel()[: gains.shape[1]]}. The default is for positive gains: give a "
+                "parametrisation of your own"
             )
-        return values, flags
+
+    def _tried(self, name: str, values: Any, width: int) -> Array:
+        return validation.finite_array(f"{name}'s answer", values, shape=(2, width))

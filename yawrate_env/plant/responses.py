@@ -1,7 +1,6 @@
-"""What a plant's `loop` gives: the loop that gains close, in the numbers that a report draws.
+"""The closed loop of one plant as a report draws it: open-loop response and time responses.
 
-A linear loop has a frequency response and the margins in it; any loop has responses to what
-happens to it.  Either may be missing.
+Either may be missing: a nonlinear loop has no frequency response.
 """
 
 from dataclasses import dataclass
@@ -17,16 +16,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """One signal of a loop over time, to which something happens at the start.
+    """One signal of a loop over time, after an event at the start.
 
     Attributes
     ----------
     title : str
-        What happens, as in ``Step of the level by 2 cm``.
+        The event, as in ``Step of the level by 2 cm``.
     time, value : NDArray
-        (N,) [s], and the signal; ``nan`` where it has run away.
-    wanted : float
-        What the signal should be; ``nan`` if nothing is.
+        (N,) [s], and the signal; ``nan`` where it has diverged.
+    setpoint : float
+        Setpoint of the signal; ``nan`` if it has none.
     label : str
         The signal and its unit, as in ``pump [V]``; the plant's output if not given.
     """
@@ -34,24 +33,25 @@ class Response:
     title: str
     time: Array
     value: Array
-    wanted: float = np.nan
+    setpoint: float = np.nan
     label: str = ""
 
     def __post_init__(self) -> None:
         validation.text("a response's title", self.title)
-        if not isinstance(self.label, str):
-            raise ValueError(f"a response's label = {self.label!r} must be a text.")
-        wanted = self.wanted
-        if not (isinstance(wanted, float) and np.isnan(wanted)):
-            wanted = validation.number("a response's wanted", wanted, remedy="Give nan for none.")
+        validation.instance("a response's label", self.label, str, remedy="Give text.")
+        setpoint = self.setpoint
+        if not (isinstance(setpoint, float) and np.isnan(setpoint)):
+            setpoint = validation.number(
+                "a response's setpoint", setpoint, remedy="Give nan for none."
+            )
         time = _rising("a response's time", self.time)
         value = validation.float_array("a response's value", self.value)
         if value.shape != time.shape:
             raise ValueError(
-                f"{self.title!r} has values of shape {value.shape}, wanted one for each of its "
+                f"{self.title!r} has values of shape {value.shape}, not one for each of its "
                 f"{len(time)} times."
             )
-        object.__setattr__(self, "wanted", wanted)
+        object.__setattr__(self, "setpoint", setpoint)
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "value", value)
 
@@ -81,7 +81,7 @@ class OpenLoop:
         response = _response(self.response)
         if response.shape != frequency.shape:
             raise ValueError(
-                f"an open loop has a response of shape {response.shape}, wanted one for each of "
+                f"an open loop has a response of shape {response.shape}, not one for each of "
                 f"its {len(frequency)} frequencies."
             )
         if self.margins is not None:
@@ -92,7 +92,7 @@ class OpenLoop:
 
     @property
     def marked(self) -> Margins:
-        """The margins that are given, or else read off."""
+        """The given margins, or else those read off the response."""
         return self.margins or _read_off(self.frequency, self.response)
 
     @property
@@ -117,9 +117,9 @@ class ClosedLoop:
     responses : tuple of Response
         Drawn below each other.
     open : OpenLoop, optional
-        Where responses add up.
+        Of a linear loop.
     stable : bool
-        False where it is known not to be.
+        False if the loop is known to be unstable.
     """
 
     responses: tuple[Response, ...] = ()
@@ -137,11 +137,11 @@ class ClosedLoop:
         object.__setattr__(self, "responses", tuple(self.responses))
         object.__setattr__(self, "stable", validation.flag("stable", self.stable))
         if not self.responses and self.open is None:
-            raise ValueError("a ClosedLoop has nothing to draw. Give it responses or open.")
+            raise ValueError("a ClosedLoop has nothing to draw. Give responses or open.")
 
 
 def _response(values: ArrayLike) -> NDArray[np.complex128]:
-    """(F,) complex numbers, none of which lacks a logarithm."""
+    """(F,) finite complex numbers other than 0."""
     try:
         response = np.asarray(values, dtype=np.complex128)
     except (TypeError, ValueError):

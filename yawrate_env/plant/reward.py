@@ -16,6 +16,14 @@ WORST_STABLE = -4.0
 UNSTABLE = -5.0
 
 
+def defined(values: NDArray[np.float64], stable: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Metrics (B, f) as the reward takes them.
+
+    ``nan`` where the loop is not stable (B,), ``inf`` where it is and a metric is undefined.
+    """
+    return np.where(stable[:, None], np.where(np.isfinite(values), values, np.inf), np.nan)
+
+
 def distance(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
     """Euclidean norm (B,) of scaled errors (B, f)."""
     return np.asarray(np.abs(np.hypot.reduce(scaled, axis=1)))

@@ -1,4 +1,4 @@
-"""Identification episodes: random words to contexts, contexts to recordings, batched.
+"""Identification episodes of vehicles: random integers to contexts, contexts to recordings.
 
 Everything random about an episode comes from ``WORDS`` 64-bit words, drawn from the
 environment's generator or from ``SeedSequence(root, spawn_key=(episode,))``; an

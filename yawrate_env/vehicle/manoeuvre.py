@@ -1,4 +1,4 @@
-"""Yaw-rate references that closed loops are driven through."""
+"""Yaw-rate references for closed loops."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""What no car does in a recording worth tuning from: mostly, a unit is not the assumed one."""
+"""Plausibility limits; values beyond them usually mean wrong units."""
 
 import numpy as np
 
@@ -10,9 +10,3 @@ LARGEST_YAW_RATE = 10.0
 
 LARGEST_SPEED = 150.0
 """[m/s]."""
-
-STILL = 1e-9
-"""Peak to peak, what stands still [rad], [rad/s]."""
-
-STEADY, UNSTEADY = 0.05, 0.25
-"""Variation of the speed, of its mean, that makes no difference, and that no mean describes."""

@@ -35,7 +35,7 @@ SMALLEST = {"mu_s": 1e-3, "v_x": 0.0}
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """What is known of the vehicle (Table II); SI units, angles in rad.
+    """Known parameters of the vehicle (Table II); SI units, angles in rad.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Context:
-    """What differs between vehicles, a batch of B of them; all arrays (B,) float64.
+    """Parameters that differ between vehicles, for a batch of B; all arrays (B,) float64.
 
     Attributes
     ----------

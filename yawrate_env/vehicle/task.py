@@ -1,4 +1,4 @@
-"""What is randomised, what is recorded, what the loop must do: frozen records.
+"""Settings of the yaw-rate task: prior, experiment, loop target, vehicle and twin.
 
 The defaults are the paper's values, and our choices where the paper is silent: the
 speed, the excitation, and 1 kHz episodes for a controller that runs at 100 Hz.
@@ -13,7 +13,7 @@ import numpy as np
 from yawrate_env import validation
 from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.single_track import LARGEST, SMALLEST, Vehicle
-from yawrate_env.vehicle.twin import LinearTwin, Twin, twin_from
+from yawrate_env.vehicle.twin import LinearTwin, Twin
 
 REGISTERS = ("same", "random")
 
@@ -129,3 +129,12 @@ class Task:
             Target(**settings["target"]),
             twin=twin_from(settings.get("twin", {})),
         )
+
+
+def twin_from(parameters: Mapping[str, Any]) -> Twin:
+    """The twin whose ``dataclasses.asdict`` these are; without parameters the linear one."""
+    if not parameters:
+        return LinearTwin()
+    from yawrate_env.vehicle.nonlinear.twin import NonlinearTwin
+
+    return NonlinearTwin.of(**parameters)

@@ -1,12 +1,12 @@
-"""What answers a steering command with a yaw rate: the seam between episodes and physics.
+"""Twins: simulators of the yaw rate that a steering command causes.
 
 A task holds its twin; recording, data sets, environments and tuners never ask which
 one it is.  `LinearTwin` is the paper's; `yawrate_env.vehicle.nonlinear` has another.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +47,3 @@ class LinearTwin:
         """Prepare the recursion of the zero-order-hold plants."""
         form = ObserverForm.of(zoh(*state_space(vehicle, context), Ts))
         return lambda out, i, j: simulate_into(out, form, u, i, j)
-
-
-def twin_from(parameters: Mapping[str, Any]) -> Twin:
-    """The twin whose ``dataclasses.asdict`` these are; without parameters the linear one."""
-    if not parameters:
-        return LinearTwin()
-    from yawrate_env.vehicle.nonlinear.twin import NonlinearTwin
-
-    return NonlinearTwin.of(**parameters)

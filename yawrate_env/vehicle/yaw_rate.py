@@ -4,6 +4,7 @@ Parameters are ``(mu_s, M_delta, v_x)``: friction and extra mass are unknown, th
 measured with every recording.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -18,12 +19,13 @@ from yawrate_env.loop.loops import Loops
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.parametrisation import loop
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE, PILoop
-from yawrate_env.plant.plant import Plant, Range, snr
+from yawrate_env.plant.plant import Out, Plant, Range, snr
 from yawrate_env.plant.responses import ClosedLoop
+from yawrate_env.vehicle.actuator import actuated
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond
-from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
+from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE
 from yawrate_env.vehicle.sensitivity import LogSensitivity
-from yawrate_env.vehicle.single_track import LARGEST, Context
+from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.twin import LinearTwin
 
@@ -41,6 +43,30 @@ METRICS = {
     "crossover [Hz]": Metric(CROSSOVER_SCALE, error=0.075, spread=0.025),
     "gain_margin [dB]": Metric(np.inf),
 }
+
+HAND_WHEEL = ("handwheelangle", "steeringwheelangle", "swa", "lenkwinkel")
+"""Column names of angles before the steering gear."""
+
+SYNONYMS = {
+    "input": (
+        "steer", "steering", "steercmd", "steeringcmd", "steercommand", "command", "cmd", "u",
+        "delta", "deltaf", "deltacmd", "deltafcmd", "steerangle", "steeringangle",
+        "roadwheelangle", "rwa", *HAND_WHEEL,
+    ),
+    "output": (
+        "yaw", "r", "y", "yawvelocity", "yawspeed", "gyroz", "wz", "omegaz", "psidot",
+        "gierrate", "yawratemeas", "measuredyawrate",
+    ),
+    "v_x": (
+        "v", "velocity", "vehiclespeed", "carspeed", "egospeed", "geschwindigkeit",
+    ),
+}  # fmt: skip
+"""Names of columns in logs, the first preferred."""
+
+CAUTIONS = dict.fromkeys(
+    HAND_WHEEL,
+    "sounds like the hand wheel, and no --steer-ratio is given: it is taken as the road wheel.",
+)
 
 LABELS = {"mu_s": "friction", "M_delta": "extra mass [kg]", "v_x": "speed [m/s]"}
 
@@ -66,9 +92,13 @@ MESSAGES = {
 EXTRAPOLATION = {"mu_s": (1.1, 1.3), "M_delta": (300.0, 500.0)}
 """Stickier and heavier than anything in eq. (12)."""
 
+COMMAND_LIMITS = (float(np.radians(-30.0)), float(np.radians(30.0)))
+"""Road-wheel angle of exported controllers [rad]."""
+
 IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
 """What pictures show."""
 
+_LINEAR = 4.0  # m/s^2 of lateral acceleration, beyond which tyres saturate on dry asphalt
 _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
 _SLOWEST = 0.1  # m/s: at rest the single-track vehicle has no steady answer
 
@@ -89,12 +119,19 @@ def from_settings(**task: Any) -> Plant:
 
 
 @lru_cache(maxsize=32)
-def yaw_rate(task: Task) -> Plant:
+def yaw_rate(task: Task, check: bool = True) -> Plant:
     """Describe a task's vehicles, experiment and loop target as a plant.
 
     The simulator is the task's twin; loops are evaluated on its linearisation.
+
+    Parameters
+    ----------
+    check : bool
+        False also accepts tasks for which no tuner can be trained, such as those whose vehicle
+        in the middle of the prior is unstable: environments show them nevertheless.
     """
     experiment, prior, vehicles = task.experiment, task.prior, Vehicles(task)
+    straight = replace(task, twin=LinearTwin())
     return Plant(
         prior={"mu_s": prior.mu_s, "M_delta": prior.M_delta, "v_x": prior.v_x},
         measured={"v_x": SPEED_SLACK},
@@ -114,18 +151,38 @@ def yaw_rate(task: Task) -> Plant:
         plausible=(LARGEST_ANGLE, LARGEST_YAW_RATE),
         signals=("steering command [rad]", "yaw rate [rad/s]"),
         labels=LABELS,
+        synonyms=SYNONYMS,
+        cautions=CAUTIONS,
+        actuator=vehicles.actuator,
+        remarks=remarks,
         messages=MESSAGES,
         record=vehicles.record,
         sensitivity=vehicles.sensitivity if vehicles.linear else None,
-        linear_model=None if vehicles.linear else yaw_rate(replace(task, twin=LinearTwin())),
+        linear_model=None if vehicles.linear else yaw_rate(straight, check=check),
         search_limits=vehicles.limits(),
         action_bounds=vehicles.action_bounds,
         loop=vehicles.loop,
+        command_limits=COMMAND_LIMITS,
         black_box=BLACK_BOX,
         entry=f"{__name__}:{from_settings.__name__}",
         arguments=task.settings(),
         extrapolation=EXTRAPOLATION,
+        check=check,
     )
+
+
+def remarks(u: Array, y: Array, measured: Mapping[str, Array]) -> list[str]:
+    """Note where tyres leave their linear range."""
+    lateral = float(np.abs(y * measured["v_x"]).max())
+    if lateral <= _LINEAR:
+        return []
+    return [f"Lateral acceleration reaches {lateral:.1f} m/s^2, where tyres are no longer linear."]
+
+
+@lru_cache(maxsize=1)
+def _loops(task: Task, theta: bytes) -> Loops:
+    """Keep the last, since reward and oracle are asked for the same vehicles."""
+    return loops(task, context_of(np.frombuffer(theta).reshape(-1, len(LABELS))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,9 +208,9 @@ class Vehicles:
         over_blocks(work, len(theta), LANES)
         return y
 
-    def record(self, theta: Array, u: Array, keys: Integers) -> Array:
+    def record(self, theta: Array, u: Array, keys: Integers, out: Out) -> NDArray[np.floating]:
         """Measured yaw rates, as the environment has them."""
-        return np.asarray(respond(self.task, context_of(theta), u, keys), dtype=np.float64)
+        return respond(self.task, context_of(theta), u, keys, out)
 
     def excite(self, integers: Integers) -> Array:
         """A random register for each."""
@@ -161,7 +218,7 @@ class Vehicles:
 
     def loops(self, theta: Array) -> Loops:
         """PI loops around the linear vehicles."""
-        return loops(self.task, context_of(theta))
+        return _loops(self.task, np.ascontiguousarray(theta).tobytes())
 
     @property
     def sensitivity(self) -> LogSensitivity:
@@ -181,6 +238,10 @@ class Vehicles:
         found = self.loops(theta).evaluate(*gains.T)
         margins = found.margins.phase_margin, found.margins.crossover, found.margins.gain_margin
         return np.stack(margins, axis=1), found.stable
+
+    def actuator(self, signal: Array, Ts: float) -> Array:
+        """The steering actuator's response to a signal (N,)."""
+        return actuated(signal, Ts, self.task.vehicle)
 
     def loop(self, theta: Array, gains: Array) -> ClosedLoop:
         """One vehicle's, for small steps: in degrees, as people read them."""
@@ -219,7 +280,7 @@ class Vehicles:
         """
         prior = self.task.prior
         lightest, heaviest = (mass - self.task.vehicle.M_0 for mass in _MASS)
-        limits = {"M_delta": (lightest, heaviest), "v_x": (_SLOWEST, LARGEST["v_x"])}
+        limits = {"M_delta": (lightest, heaviest), "v_x": (_SLOWEST, LARGEST_SPEED)}
         if self.linear:
             limits["mu_s"] = _FRICTION
         else:

@@ -1,7 +1,7 @@
-"""The report's figures, as SVG with real text that a page can style.
+"""The report's figures, as SVG whose text is text that a page can style.
 
-Every figure is drawn for half of a desktop page, which is also what a phone shows; the
-recording is drawn twice, for wide and for narrow pages.
+Figures are drawn for half of a desktop page, which is the width of a phone's; the recording
+is drawn twice, for wide and for narrow pages.
 """
 
 import io
@@ -41,16 +41,16 @@ STYLE = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Traces:
-    """A recording beside the fitted model, (N,) arrays in the units of their labels.
+    """A recording and the fitted model, (N,) arrays in the units of their labels.
 
     Attributes
     ----------
     t0, Ts : float
         Time of the first sample, and of each further one [s].
     command, measured, simulated : NDArray
-        What went in, what came out, and what the model says.
+        Input, measured output and simulated output.
     labels : tuple of str
-        Of what went in and what came out, as in ``yaw rate [deg/s]``.
+        Of input and output, as in ``yaw rate [deg/s]``.
     """
 
     t0: float
@@ -62,7 +62,7 @@ class Traces:
 
 
 def recording(traces: Traces, width: float) -> Figure:
-    """The recording with the fitted model over it, and what is left over."""
+    """The recording with the fitted model over it, and the residual."""
     every = max(1, len(traces.measured) // MOST_POINTS)
     signals = (traces.command, traces.measured, traces.simulated)
     u, y, model = (signal[::every] for signal in signals)
@@ -119,7 +119,7 @@ def bode(loop: OpenLoop) -> Figure:
 
 
 def responses(drawn: tuple[Response, ...], output: str, width: float = HALF) -> Figure:
-    """What a loop does over time.
+    """A loop's responses over time.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def responses(drawn: tuple[Response, ...], output: str, width: float = HALF) -> 
         picture = Figure(figsize=(width, max(2.6, 2.2 * len(drawn))))
         every = picture.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
         for axes, response in zip(every, drawn, strict=True):
-            axes.axhline(response.wanted, color=rendering.TARGET, lw=1.0, dashes=(4, 3))
+            axes.axhline(response.setpoint, color=rendering.TARGET, lw=1.0, dashes=(4, 3))
             axes.plot(response.time, response.value, color=rendering.LOOP, lw=1.8)
             axes.set(title=response.title, ylabel=response.label or output)
         every[-1].set(xlabel="time [s]", xlim=(0, max(r.time[-1] for r in drawn)))

@@ -1,4 +1,4 @@
-"""The loop of an answer around the plant that its fit found: pictures and margins."""
+"""The closed loop around the fitted plant: pictures and margins."""
 
 from typing import Any
 
@@ -13,9 +13,7 @@ Row = tuple[str, str, str]
 
 
 def pictured(loop: ClosedLoop | None, output: str) -> dict[str, Any]:
-    """What the figures of a page show of it, by name.
-
-    Without a frequency response beside them, responses are drawn for wide and narrow pages.
+    """Pictures by name; responses alone are drawn for wide and for narrow pages.
 
     Parameters
     ----------
@@ -36,7 +34,7 @@ def pictured(loop: ClosedLoop | None, output: str) -> dict[str, Any]:
 
 
 def margins(loop: ClosedLoop | None) -> list[Row]:
-    """Names, values and what they mean; nothing where there is no frequency response."""
+    """Names, values and meanings; empty without a frequency response."""
     return [] if loop is None or loop.open is None else _rows(loop.open.marked)
 
 
@@ -49,7 +47,7 @@ def _rows(margins: Margins) -> list[Row]:
         ("Crossover", crossover, f"{hertz(crossover)} Hz", "where the loop gain falls through 1"),
         ("Gain margin", gain, f"{gain:.1f} dB", "at the phase crossover"),
         ("Modulus margin", modulus, f"{modulus:.2f}", "least distance of the loop from −1"),
-        ("Delay margin", delay, seconds(delay), "further delay that it bears"),
+        ("Delay margin", delay, seconds(delay), "further delay at which the loop stays stable"),
     ]
     return [
         (name, minus(shown) if np.isfinite(value) else "none", words)

@@ -1,116 +1,105 @@
-"""From an answer about a vehicle to its page."""
+"""From a result to its page."""
 
 import os
 from typing import Any
 
 import numpy as np
 
-from tuners.cli.report import loops
+import yawrate_env
+from tuners.cli.report import figures, loops, tables
 from tuners.cli.report.figures import Traces
-from tuners.cli.report.layout import Residuals, page, pictures, rows, shown_interval
 from tuners.cli.report.numbers import minus
-from tuners.cli.text import instead
-from tuners.export.forms import Forms
+from tuners.cli.report.residuals import Residuals
+from tuners.cli.text import described, displayed, forms_of, gain_units, instead
 from tuners.logs import Log
-from tuners.tuner.result import TuningResult
+from tuners.tuner.result import Result
 from yawrate_env.files import write_text
-from yawrate_env.vehicle.task import Task
-from yawrate_env.vehicle.yaw_rate import IN_DEGREES, theta_of, yaw_rate
+from yawrate_env.plant.names import word
+from yawrate_env.plant.plant import Plant
 
-LONGEST_LAG = 0.5  # [s]
-CHECKS = {
-    "speed": ("Speed outside the tuner's", "m/s"),
-    "implausible": ("Steering or yaw rate over what a car reaches", "1"),
-    "noise": ("Residual over simulated yaw rate", "1"),
-    "phase_margin_spread": ("Standard deviation of the phase margin", "°"),
-    "crossover_spread": ("Standard deviation of the crossover", "Hz"),
-    "misfit": ("Yaw rate that no vehicle explains", "1"),
-    "response": ("Response off the fitted vehicle's", "1"),
-    "outside": ("Vehicle outside the prior", "1"),
-    "phase_margin_error": ("Phase margin off the target", "°"),
-    "crossover_error": ("Crossover off the target", "Hz"),
-    "colour": ("Residual's power at the crossover, over white", "1"),
-    "unsolved": ("Design or numerics failed", "1"),
-}
-"""Names and units for people."""
+LONGEST_LAG = 0.05
+"""Of the residual's correlations, in lengths of the experiment."""
 
 
-def write_report(
-    path: str | os.PathLike[str], result: TuningResult, log: Log, task: Task, tuner: str
-) -> None:
-    """Write the page, completely or not at all."""
-    write_text(path, render(result, log, task, tuner))
+def write_report(path: str | os.PathLike[str], result: Result, log: Log, tuner: str) -> None:
+    """Write the page; the file is complete or not written."""
+    write_text(path, render(result, log, tuner))
 
 
-def render(result: TuningResult, log: Log, task: Task, tuner: str) -> str:
-    """The page as text."""
-    return page(
-        "vehicle.html",
-        title=f"Yaw-rate controller from {log.source}",
+def render(result: Result, log: Log, tuner: str) -> str:
+    """The page as text.
+
+    Parameters
+    ----------
+    tuner : str
+        Name or file, as the user gave it.
+    """
+    plant, fit = result.plant, result.fit
+    shown = displayed(plant)
+    input, output = (word(name, kind) for (name, _), kind in zip(shown, KINDS, strict=True))
+    longest = LONGEST_LAG * len(plant.u) * plant.Ts
+    residuals = Residuals.of(fit.residual, fit.u, fit.Ts, log.recorded_Ts, longest)
+    theta, gains = (np.array(list(v.values())) for v in (fit.parameters, result.gains))
+    loop = plant.closed_loop(theta, gains)
+    drawn = {
+        **_recording(result, log),
+        **loops.pictured(loop, shown[1][0]),
+        "auto": figures.correlation(residuals.auto, "Residual with itself"),
+        "cross": figures.correlation(residuals.cross, f"Residual with the {input}"),
+    }
+    return _filled(
+        title=_title(plant, log),
         result=result,
-        log=log,
+        described=described(log, plant),
         tuner=tuner,
-        subject="vehicle",
-        input="steering",
-        output="yaw rate",
-        instead=instead(result.fallback),
-        numbers=[
-            ("Gain kp", f"{result.kp:.4g}", "s", ""),
-            ("Integral time Ti", f"{result.Ti:.4g}", "s", ""),
-            shown_interval("Phase margin", result.phase_margin, "°"),
-            shown_interval("Crossover", result.crossover, " Hz"),
-        ],
-        forms=Forms.of(result.kp, result.Ti, task.target),
-        assumed=_assumed(result, log, task, tuner),
-        notes=(*log.notes, *result.notes),
-        checks=rows(result.checks, CHECKS),
-        **_fit(result, log, task),
+        input=input,
+        output=output,
+        instead=minus(instead(result.fallback, gain_units(plant))),
+        numbers=tables.numbers(result),
+        fit=fit,
+        loop=loop,
+        margins=loops.margins(loop),
+        parameters=tables.parameters(result),
+        residuals=residuals,
+        forms=forms_of(result),
+        units=gain_units(plant),
+        checks=tables.checks(result),
+        setup=tables.setup(result, log, tuner),
+        svg={name: figures.svg(picture, name) for name, picture in drawn.items()},
     )
 
 
-def _fit(result: TuningResult, log: Log, task: Task) -> dict[str, Any]:
-    fit = result.fit
-    if fit is None:
-        return {"fit": None}
-    gains = np.array([result.kp, result.Ti])
-    loop = yaw_rate(task).closed(theta_of(fit.context)[0], gains)
-    residuals = Residuals.of(fit.residual, fit.command, fit.Ts, log.recorded_Ts, LONGEST_LAG)
-    steer, measured, simulated = map(np.degrees, (fit.command, fit.measured, fit.simulated))
-    traces = Traces(log.t0, fit.Ts, steer, measured, simulated, IN_DEGREES)
-    drawn = loops.pictured(loop, IN_DEGREES[1])
+KINDS = "input", "output"
+
+
+def _title(plant: Plant, log: Log) -> str:
+    """As in ``Yaw-rate controller from log.csv``."""
+    output = word(displayed(plant)[1][0], "").replace(" ", "-")
+    return tables.capital(f"{output} controller from {log.source}".lstrip())
+
+
+def _recording(result: Result, log: Log) -> dict[str, Any]:
+    """Recording and fitted plant, for wide and for narrow pages."""
+    fit, ((input, of_u), (output, of_y)) = result.fit, displayed(result.plant)
+    signals = of_u * fit.u, of_y * fit.measured, of_y * fit.simulated
+    traces = Traces(log.t0, fit.Ts, *signals, (input, output))
     return {
-        "fit": fit,
-        "loop": loop,
-        "margins": loops.margins(loop),
-        "residuals": residuals,
-        "svg": pictures(traces, residuals, "steering", **drawn),
+        "wide": figures.recording(traces, figures.FULL),
+        "narrow": figures.recording(traces, figures.HALF),
     }
 
 
-def _assumed(result: TuningResult, log: Log, task: Task, tuner: str) -> list[tuple[str, str]]:
-    v, target, fit, v_x = task.vehicle, task.target, result.fit, log.speed
-    low, high = task.prior.v_x
-    speeds = f"{low:g} m/s" if low == high else f"{low:g} to {high:g} m/s"
-    rows = [
-        ("Tuner", f"{tuner}, made for {speeds}"),
-        ("Vehicle", f"{v.M_0:g} kg without load, yaw inertia {v.J_z:g} kg m²"),
-        ("Axles", f"{v.l_f:g} m and {v.l_r:g} m from the centre of gravity"),
-        ("Cornering stiffness", f"{v.C_f / 1e3:g} and {v.C_r / 1e3:g} kN/rad on dry road"),
-        ("Steering actuator", f"{v.omega_n / 2 / np.pi:.3g} Hz, damping ratio {v.xi:g}"),
-        ("Target", f"phase margin {target.phase_margin:g}°, crossover {target.crossover:g} Hz"),
-        ("Controller", f"every {1e3 * target.Ts:g} ms, delay {target.delay_samples} samples"),
-        ("Recording", f"{log.excitation.duration:.4g} s, every {1e3 * log.recorded_Ts:g} ms"),
-        ("Speed", f"{v_x.mean():.2f} m/s, from {v_x.min():.2f} to {v_x.max():.2f}"),
-    ]  # fmt: skip
-    if fit is not None:
-        start = (
-            "from rest, without offset"
-            if fit.from_rest
-            else f"in mid-drive; offset {minus(f'{np.degrees(fit.offset):.3f}')} deg/s, "
-            f"initial movement {np.degrees(fit.initial):.3f} deg/s rms"
-        )
-        c = fit.context
-        found = f"friction {c.mu_s[0]:.3g}, load {c.M_delta[0]:.0f} kg, SNR {fit.snr_db:.1f} dB"
-        found = minus(found)
-        rows += [("Start", start), ("Vehicle that fits", found)]
-    return rows
+def _filled(**values: Any) -> str:
+    """The template with its values."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("tuners.cli.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["minus"] = minus
+    template = environment.get_template("page.html")
+    return template.render(version=yawrate_env.__version__, **values) + "\n"

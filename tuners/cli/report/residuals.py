@@ -1,4 +1,4 @@
-"""What a fit leaves over: whether it is white, and whether the input explains any of it.
+"""Whether the residual of a fit is white, and whether the input explains any of it.
 
 For a right model the residual's autocorrelation at lag k > 0 and its cross-correlation with
 an input are normal around zero, with standard deviations 1/sqrt(N) and
@@ -6,6 +6,7 @@ sqrt(sum_k r_e(k) r_u(k) / N) (Ljung, *System Identification*, 2nd ed., section 
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,31 @@ class Correlation:
         """Share of the lags outside the band; lag 0 of an autocorrelation does not count."""
         inner = self.value < 1 - 1e-9
         return float(np.mean(np.abs(self.value[inner]) > self.band)) if inner.any() else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals:
+    """Correlations of a residual at the recording's own sampling time."""
+
+    auto: Correlation
+    cross: Correlation
+
+    @classmethod
+    def of(cls, e: Array, u: Array, Ts: float, recorded: float, longest: float) -> Self:
+        """Correlations of the recorded samples, without those interpolated between them.
+
+        Parameters
+        ----------
+        e, u : (N,) float64
+            Residual and input.
+        Ts, recorded : float
+            Sampling times of these, and of the recording [s].
+        longest : float
+            Largest lag [s].
+        """
+        every = max(1, round(recorded / Ts))
+        e, u, Ts = e[::every], u[::every], every * Ts
+        return cls(autocorrelation(e, Ts, longest), cross_correlation(e, u, Ts, longest))
 
 
 def autocorrelation(e: Array, Ts: float, longest: float) -> Correlation:

@@ -1,4 +1,4 @@
-"""What cornering needs to know of the body: where its weight goes, and what slows it."""
+"""Body parameters of the nonlinear vehicle: lateral load transfer, drag and speed loss."""
 
 from dataclasses import dataclass, fields
 
@@ -11,7 +11,7 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What the linear vehicle does not need to know of the body.
+    """Parameters of load transfer and drag.
 
     Attributes
     ----------

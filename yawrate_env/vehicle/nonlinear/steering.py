@@ -31,7 +31,7 @@ _NEVER = 1e-12  # of the rate, or of the step: below, it is rounding
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the steering actuator can do, at the road wheel.
+    """Limits of the steering actuator, at the road wheel.
 
     Attributes
     ----------

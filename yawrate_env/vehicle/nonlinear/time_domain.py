@@ -26,7 +26,7 @@ _STEP_TIME = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeDomain:
-    """What B closed loops do in time; arrays (B,).
+    """Time-domain metrics of B closed loops; arrays (B,).
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The nonlinear twin: what a task holds to have its episodes driven on saturating tyres."""
+"""The nonlinear twin: episodes on saturating tyres."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

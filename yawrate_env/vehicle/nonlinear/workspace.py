@@ -1,4 +1,4 @@
-"""What the kernel of `vehicle` works on: one flat array, a row a quantity, a column a lane.
+"""Memory layout of the kernel of `vehicle`: a row per quantity, a column per lane.
 
 With one array the compiler sees that nothing overlaps and runs the lanes side by side.
 """

@@ -1,0 +1,353 @@
+"""Bad descriptions of a plant: the argument, and what its refusal names."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from first_order import U, by_one, described, design, plant, simulate
+
+from yawrate_env.plant.action_bounds import action_bounds
+from yawrate_env.plant.entry import find, home, named
+from yawrate_env.plant.metric import Metric
+from yawrate_env.plant.names import check_name
+from yawrate_env.plant.parametrisation import Parametrisation
+from yawrate_env.plant.plant import snr
+
+
+def first_gain(theta, gains):
+    return gains[:, :1] + 0 * theta[:, :1]
+
+
+def undefined(theta, gains):
+    return np.full((len(theta), 1), np.nan)
+
+
+def raises(error):
+    def function(*arguments):
+        raise error
+
+    return function
+
+
+def measured(theta, u, keys, out):
+    return simulate(theta, u, None)
+
+
+def at(function):
+    """A batched function of any arguments."""
+    return lambda *arguments: function(simulate(*arguments))
+
+
+SETTINGS = [
+    ("prior", {}, "at least one"),
+    ("prior", {"K": (2.0, 0.5), "T": (0.2, 1.0)}, "prior K"),
+    ("prior", {1: (0.5, 2.0), "T": (0.2, 1.0)}, "prior = 1"),
+    ("search_limits", {"K": "a"}, "search_limits K"),
+    ("search_limits", {"K": (3, 1)}, "search_limits K"),
+    ("search_limits", {"K": (1, 2, 3)}, "search_limits K"),
+    ("search_limits", {"K": np.nan}, "search_limits K"),
+    ("search_limits", {"K": np.array(1.0)}, "search_limits K"),
+    ("search_limits", {"K": (0.6, 3.0)}, r"search_limits K .* \[0.5, 2\]"),
+    ("search_limits", {"x": (0, 1)}, "'x'.*Choose one of K, T"),
+    ("search_limits", [("K", (0, 9))], "dict"),
+    ("extrapolation", {"x": (0, 1)}, "'x'.*Choose one of K, T"),
+    ("extrapolation", {"K": (1, 0)}, "extrapolation K"),
+    ("labels", {"x": "mass [kg]"}, "'x'.*Choose one of K, T"),
+    ("labels", {"K": 3}, "labels K = 3"),
+    ("measured", {"x": 0.1}, "'x'.*Choose one of K, T"),
+    ("measured", {"K": -0.1}, "measured K = -0.1"),
+    ("measured", {"K": "a"}, "measured K = 'a'"),
+    ("measured", ("K",), "dict"),
+    ("u", U[:15], "15 must be .* at least 16"),
+    ("u", 0 * U, "zero everywhere"),
+    ("u", [[1.0]], "shape"),
+    ("u", U * np.nan, "finite"),
+    ("crossover", 26.0, "= 26 must be .* below 25"),
+    ("Ts", 0.0, "= 0"),
+    ("Ts", 10**400, "= inf"),
+    ("Ts", np.complex128(1), "not a number"),
+    ("black_box", 5, "= 5"),
+    ("black_box", (0, 2.0), "first of black_box = 0"),
+    ("black_box", (5, -2.0), "second of black_box = -2"),
+    ("plausible", 3, "= 3"),
+    ("plausible", (1.0, -1.0), "second of plausible = -1"),
+    ("target", (1.0,), "shape"),
+    ("simulate", None, "Give a function"),
+    ("design", 1, "Give a function"),
+    ("evaluate", 1, "or None"),
+    ("excite", 1, "or None"),
+    ("record", "a", "or None"),
+    ("loop", 1, "or None"),
+    ("action_bounds", 1, "or None"),
+    ("linear", "no", "True or False"),
+    ("batched", 1, "True or False"),
+    ("signals", "uy", "pair"),
+    ("signals", ("u", "y", "z"), "pair"),
+    ("signals", ("u", 3), "second of signals = 3"),
+    ("entry", None, "= None"),
+    ("arguments", 3, "dict"),
+    ("synonyms", 3, "dict"),
+    ("messages", {"misfit": 3}, "misfit = 3"),
+    ("cautions", ("input",), "dict"),
+    ("actuator", 1, "or None"),
+    ("remarks", 1, "or None"),
+    ("command_limits", (1.0, -1.0), "low above high"),
+    ("gains", "kp", "names"),
+    ("gains", {"kp", "Ti"}, "names"),
+    ("gains", ("kp", 1), r"gains\[1\] = 1"),
+    ("gains", ("kp", " "), r"gains\[1\] = ' '"),
+    ("parametrisation", np.log, "LOG"),
+    ("metrics", {"margin": 1.0}, "'margin'.*Choose one of kp, Ti"),
+    ("noise", -1.0, "= -1"),
+    ("noise", None, "= None"),
+]
+
+NAMES = [
+    ({"gains": ("kp", "kp")}, "'kp' is the name of a gain and of a gain"),
+    ({"gains": ("kp", "K")}, "'K' is the name of a gain and of a parameter"),
+    ({"gains": ("kp", "stable")}, "'stable'"),
+    ({"gains": ("kp", "oracle_kp")}, "'oracle_kp' begins with oracle_"),
+    ({"labels": {"K": "a [b]", "T": "a [c]"}}, "'a .c.'"),
+    ({"evaluate": first_gain}, "metrics"),
+    ({"metrics": ("x",), "evaluate": first_gain}, "metrics = .*dict"),
+    ({"metrics": {"x": "a"}, "evaluate": first_gain}, "metrics x = 'a'"),
+    ({"metrics": {"x": 0.0}, "evaluate": first_gain}, "metrics x = 0"),
+    ({"metrics": {"": 1.0}, "evaluate": first_gain}, "metrics = ''"),
+    ({"metrics": {"kp": 1.0}, "evaluate": first_gain}, "'kp' is the name of a metric and"),
+    ({"metrics": {"clipped": 1.0}, "evaluate": first_gain}, "'clipped'"),
+    ({"metrics": {"a [x]": 1.0, "a [y]": 1.0}, "evaluate": first_gain}, "'a .y.'"),
+    ({"metrics": {"a b": 1.0, "a_b": 1.0}, "evaluate": first_gain}, "'a_b'"),
+    (
+        {"prior": {"noise": (0.5, 2.0), "T": (0.2, 1.0)}, "measured": {"noise": 0.0}},
+        "'noise' is the name of a measured parameter and",
+    ),
+    ({"evaluate": undefined, "metrics": {"x": 1.0}}, "evaluate's answer"),
+]
+
+ANSWERS = [
+    ("simulate", raises(ZeroDivisionError("by zero")), "ZeroDivisionError: by zero"),
+    ("simulate", by_one(simulate), "batched=False"),
+    ("simulate", at(lambda y: y[:, 1:]), r"not \(2, 500\)"),
+    ("simulate", at(lambda y: y * np.nan), "nan"),
+    ("simulate", at(lambda y: np.random.default_rng().normal(size=y.shape)), "random"),
+    ("simulate", at(lambda y: y + 0j), "complex128"),
+    ("simulate", at(lambda y: y > 0), "bool"),
+    ("design", raises(KeyError("J")), "KeyError: 'J'"),
+    ("design", lambda t: design(t)[:, :1], r"not \(2, 2\)"),
+    ("design", lambda t: design(t).astype(str), "of <U"),
+    ("design", lambda t: np.ma.masked_less(design(t), 9e9), "4 masked"),
+    ("design", lambda t: np.inf * design(t), "inf"),
+    ("design", lambda t: (design(t), True), "bool"),
+    ("noise", raises(TypeError("no")), "TypeError: no"),
+    ("noise", lambda y: "a", "numbers"),
+    ("noise", lambda y: np.ones(3), r"\(3,\)"),
+    ("noise", lambda y: -np.ones(len(y)), "= -1"),
+    ("excite", raises(OSError("no")), "OSError: no"),
+    ("excite", lambda integers: U, "an input for each integer"),
+    ("excite", lambda integers: np.zeros((2, 5)), "shape"),
+    ("record", raises(IndexError("no")), "IndexError: no"),
+    ("record", lambda *a: measured(*a)[:1], "shape"),
+    ("record", lambda *a: measured(*a) * np.nan, "nan"),
+    ("record", lambda *a: measured(*a) + 0j, "complex"),
+    ("loop", lambda theta, gains: gains, "ClosedLoop"),
+    ("loop", lambda theta, gains: 1 / 0, "ZeroDivisionError"),
+    ("parametrisation", Parametrisation(raises(TypeError("a\nb")), np.exp), "TypeError: a b"),
+    ("parametrisation", Parametrisation(np.log, lambda x: "a"), "decode"),
+    ("parametrisation", Parametrisation(np.log, lambda x: 1.0), r"\[1.\]"),
+]
+
+
+@pytest.mark.parametrize("name, value, words", SETTINGS + ANSWERS)
+def test_a_bad_argument_is_named_in_one_line(name, value, words):
+    with pytest.raises(ValueError, match=rf"\A[^\n]*\b{name}\b[^\n]*\Z") as found:
+        described(**{name: value})
+    assert found.match(words)
+
+
+@pytest.mark.parametrize("change, words", NAMES)
+def test_bad_names_and_metrics_are_refused_in_one_line(change, words):
+    with pytest.raises(ValueError, match=rf"\A[^\n]*{words}[^\n]*\Z"):
+        described(**change)
+
+
+def test_functions_of_one_plant_are_checked_too():
+    settings = {"batched": False, "simulate": by_one(simulate)}
+    with pytest.raises(ValueError, match="design's answer has 2 masked"):
+        described(design=by_one(lambda t: np.ma.masked_less(design(t), 9e9)), **settings)
+
+
+def test_gains_of_any_sign_need_their_own_parametrisation():
+    with pytest.raises(ValueError, match="parametrisation"):
+        described(design=lambda theta: -design(theta))
+    described(
+        design=lambda theta: -design(theta),
+        parametrisation=Parametrisation(lambda gains: gains, lambda values: values),
+    )
+
+
+def test_an_evaluation_that_fails_is_named():
+    with pytest.raises(ValueError, match="evaluate failed: AssertionError"):
+        described(evaluate=raises(AssertionError()), metrics={"x": 1.0})
+
+
+def test_what_a_function_raised_is_kept():
+    error = ZeroDivisionError("by zero")
+    with pytest.raises(ValueError) as found:
+        described(simulate=raises(error))
+    assert found.value.__cause__ is error
+
+
+def test_what_is_good_is_still_described():
+    good = described(
+        search_limits={"K": (0.5, 2), "T": [0.1, 3]},
+        gains=["kp", "Ti"],
+        signals=["u", "y"],
+        linear=np.True_,
+        crossover=24.9,
+        record=measured,
+        metrics={"a [x]": Metric(1), "b [x]": 2},
+        evaluate=lambda theta, gains: gains,
+    )
+    assert good.gains == ("kp", "Ti") and good.signals == ("u", "y") and good.linear is True
+    assert good.limits[0].tolist() == [0.5, 0.1]
+
+
+@pytest.mark.parametrize(
+    "call, name",
+    [
+        (lambda: Metric("a"), "scale"),
+        (lambda: Metric(0.0), "scale"),
+        (lambda: Metric(1, error=None), "error"),
+        (lambda: Metric(1, spread=True), "spread"),
+        (lambda: snr(-7000), "snr"),
+        (lambda: Parametrisation(None, np.exp), "encode"),
+        (lambda: Parametrisation(np.log, np.exp, 3), "names"),
+    ],
+)
+def test_settings_of_parts_are_checked(call, name):
+    with pytest.raises(ValueError, match=name):
+        call()
+
+
+def test_a_metric_without_a_scale_does_not_count():
+    own = described(evaluate=lambda theta, gains: gains, metrics={"a": Metric(np.inf), "b": 1})
+    assert own.counted == ("b",)
+    assert check_name("phase margin [deg]", "error") == "phase_margin_error"
+
+
+def test_a_description_without_evaluate_can_be_replaced():
+    assert replace(plant, noise=0.1).metrics == plant.metrics
+    renamed = replace(plant, gains=("a", "b"))
+    assert tuple(renamed.metrics) == ("relative error of a", "relative error of b")
+    wider = replace(plant, metrics={"kp": 0.6})
+    targets = {"relative error of kp": Metric(0.6), "relative error of Ti": Metric(0.3)}
+    assert wider.metrics == replace(wider, noise=0.1).metrics == targets
+    assert replace(wider, gains=("kp", "b")).metrics["relative error of kp"] == Metric(0.6)
+    with pytest.raises(ValueError, match="evaluate and metrics"):
+        replace(plant, evaluate=first_gain)
+    own = replace(plant, evaluate=first_gain, metrics={"x": 1.0})
+    assert own.metrics == {"x": Metric(1.0)}
+
+
+def test_a_design_without_any_gains_is_refused_before_any_work():
+    without = described(design=lambda theta: np.full((len(theta), 2), np.nan))
+    with pytest.raises(ValueError, match="no gains for any of 256 plants"):
+        action_bounds(without)
+
+
+def test_functions_may_write_into_their_arguments():
+    def rude(theta, u, rng):
+        y = simulate(theta, u, rng)
+        theta[:], u[:] = 0.0, 0.0
+        return y
+
+    def ruder(theta):
+        gains = design(theta)
+        theta /= 2
+        return gains
+
+    mine = U + 0.0
+    own = described(simulate=rude, design=ruder, u=mine)
+    mine[:] = 7.0
+    np.testing.assert_array_equal(own.u, U)
+    theta = np.array([[1.0, 0.5], [0.6, 0.3]])
+    np.testing.assert_array_equal(own.respond(theta), plant.respond(theta))
+    np.testing.assert_array_equal(own.oracle(theta), design(theta))
+
+
+# Entry points
+
+
+@pytest.mark.parametrize(
+    "entry, words",
+    [
+        ("first_order", "no entry point"),
+        ("first_order:a b", "no entry point"),
+        ("nowhere:plant", "no module 'nowhere'"),
+        ("first_order:nothing", "no such attribute"),
+        ("first_order:TS", "float"),
+        ("first_order:simulate", "first_order:simulate failed"),
+    ],
+)
+def test_entry_points_that_lead_nowhere(entry, words):
+    with pytest.raises(ValueError, match=words):
+        find(entry)
+
+
+@pytest.mark.parametrize(
+    "code, words",
+    [
+        ("plant = (", "SyntaxError"),
+        ("1 / 0", "ZeroDivisionError: division by zero"),
+        ("import sys\nsys.exit(3)", "SystemExit: 3"),
+        ("import nowhere_at_all", "ModuleNotFoundError: No module named 'nowhere_at_all'"),
+        ("import os\nos.nothing", "AttributeError"),
+        ("from first_order import described\nplant = described(Ts=0.0)", "ValueError: Ts = 0"),
+        ("raise ValueError('a\\nb')", "ValueError: a b"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_is_one_line(code, words, tmp_path):
+    (tmp_path / "broken_plant.py").write_text(code)
+    with pytest.raises(ValueError, match=r"\Aimporting broken_plant failed: [^\n]*\Z") as found:
+        find("broken_plant:plant", tmp_path)
+    assert words in str(found.value) and "broken_plant" not in sys.modules
+    sys.path.remove(str(tmp_path))
+
+
+def test_a_plant_is_found_under_an_entry_that_it_does_not_name(monkeypatch):
+    import first_order
+
+    monkeypatch.setattr(first_order, "nameless", described(entry=""), raising=False)
+    found = find("first_order:nameless")
+    assert found.entry == "first_order:nameless" and first_order.nameless.entry == ""
+    assert found.prior == plant.prior and found.metrics == plant.metrics
+    with pytest.raises(ValueError, match='entry="module:attribute"'):
+        named(first_order.nameless, "A tuner")
+
+
+def test_a_function_is_called_with_the_arguments():
+    found = find("first_order:described", arguments={"noise": 0.5})
+    assert (found.noise, found.arguments) == (0.5, {"noise": 0.5})
+    with pytest.raises(ValueError, match="arguments"):
+        find("first_order:plant", arguments={"noise": 0.5})
+    with pytest.raises(ValueError, match="noises"):
+        find("first_order:described", arguments={"noises": 0.5})
+
+
+def test_two_modules_of_one_name_are_not_mistaken(tmp_path):
+    for name in "ab":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "clashing.py").write_text("from first_order import described as plant")
+    assert home(find("clashing:plant", tmp_path / "a")) == tmp_path / "a"
+    assert find("clashing:plant", tmp_path / "a").entry == "clashing:plant"
+    with pytest.raises(ValueError, match=f"'clashing'.*{tmp_path / 'a'}.*{tmp_path / 'b'}"):
+        find("clashing:plant", tmp_path / "b")
+    del sys.modules["clashing"]
+    for name in "ab":
+        sys.path.remove(str(tmp_path / name))
+
+
+def test_a_module_that_is_imported_already_is_used_where_the_folder_has_none(tmp_path):
+    assert find("first_order:plant", tmp_path) is plant
+    sys.path.remove(str(tmp_path))

@@ -1,0 +1,118 @@
+"""The benchmark: rivals that answer the same, ratios instead of times, and its page."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from recordings import recorded, vehicles
+
+from benchmarks import page, rivals, stages
+from benchmarks.stopwatch import Contender, race
+from benchmarks.throughput import measure
+from tuners.features.laguerre import Laguerre
+from tuners.trust.identification import identify
+from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
+
+PLANT = yaw_rate(Task())
+
+
+def test_contenders_take_turns_and_the_first_is_compared_with_all():
+    calls = []
+
+    def work(name, episodes):
+        return lambda: calls.append(name) or episodes
+
+    contenders = {"a": Contender(work("a", 1000)), "b": Contender(work("b", 1), rounds=1)}
+    found = race(contenders, 3, lambda done, of: None)
+    assert "".join(calls) == "abab" + "aa"  # a round to warm up, then one of three with b
+    assert [f["rounds"] for f in found.values()] == [3, 1]
+    assert found["a"]["ratio"] == {"median": 1.0, "least": 1.0, "most": 1.0}
+    assert found["b"]["ratio"]["median"] > 10  # for a thousandth of the episodes
+
+
+def test_rivals_simulate_the_same_vehicle():
+    recording = recorded(1)
+    ours = PLANT.respond(recording.known, recording.u)[0]
+    works = rivals.simulations(Task(), vehicles(recording), recording.u[0])
+    assert len(works) == 3
+    for work in works.values():
+        np.testing.assert_allclose(work(), ours, rtol=0, atol=1e-9 * np.abs(ours).max())
+
+
+def test_rivals_fit_the_same_models():
+    recording = recorded(1)
+    ours, _ = Laguerre(8)(recording.u, recording.y, recording.Ts)
+    np.testing.assert_allclose(rivals.laguerre(Laguerre(8), recording)(), ours[0], rtol=1e-9)
+
+
+@pytest.mark.slow  # python-control simulates twenty times
+def test_rivals_identify_the_same_vehicle():
+    recording = recorded(1)
+    ours = identify(PLANT, recording.u, recording.y).theta[0, :2]
+    np.testing.assert_allclose(rivals.gray_box(Task(), recording)(), ours, rtol=1e-6)
+
+
+def test_simulation_leaves_python_control_behind():
+    found = race(stages.simulations(64), 2, lambda done, of: None)
+    # Thousands where nothing else runs.
+    assert found["python-control forced_response"]["ratio"]["least"] > 100
+    assert found["scipy sosfilt"]["ratio"]["median"] > 1
+
+
+def test_an_input_in_every_episode_costs_less_than_one_after_the_other():
+    found = race(stages.laguerre_fits(32), 2, lambda done, of: None)
+    assert found["scipy lfilter and numpy lstsq"]["ratio"]["median"] > 1
+
+
+def test_what_a_process_prints_is_read():
+    assert stages.in_fresh_process("print(1 + 1)") == "2\n"
+
+
+def result():
+    times = {"milliseconds": {"median": 2.0, "least": 1.0, "most": 3.0}}
+    times["ratio"] = {"median": 1.0, "least": 1.0, "most": 1.0}
+    row = {"size": 100, "count": 100, "seconds": 0.5, "megabytes": 200.0}
+    return {
+        "machine": "a processor",
+        "versions": {"numpy": "2"},
+        "batch": 64,
+        "rounds": 2,
+        "stages": {
+            "Environment": {"batch environment": times},
+            **{how: dict.fromkeys(stages.TUNERS, times) for how in stages.ANSWERS},
+        },
+        "first": {"import": {"cold": 1.0, "cached": 0.5}},
+        "growth": {"episodes": [row, row | {"size": 1000, "seconds": 5.0}], "samples": [row]},
+        "training": {"ts-ff": 3.0},
+    }
+
+
+def test_the_page_has_all_that_was_measured_and_says_what_was_not():
+    text = page.to_markdown(result())
+    assert all(f"## {how}" in text for how in stages.ANSWERS)
+    assert text.count("| ts-ff-lag | 2 (1 to 3) | 1 (1 to 1) |") == 3
+    assert "| 1000 episodes | 100 | 5.00 | 50 | 200 |" in text
+    assert "| import | 1.00 | 0.50 |" in text and "| ts-ff | 3.0 |" in text
+    assert "Not installed" in text and "pysib" in text
+
+
+def test_growth_is_measured_in_a_fresh_process():
+    found = stages.growth_in_fresh_process([10])
+    assert [row["size"] for row in found["episodes"]] == [10]
+
+
+def test_the_picture_shows_every_tuner():
+    picture = page.picture(result())
+    assert isinstance(picture, Figure)
+    labels = [text.get_text() for text in picture.axes[0].get_yticklabels()]
+    assert labels == list(stages.TUNERS)
+
+
+def test_a_batch_beats_scalar_environments_one_after_the_other():
+    found = measure(num_envs=32, rounds=3)
+    first, *_ = found
+    assert first == "batch environment, 32" and found[first]["ratio"]["median"] == 1
+    # About 4 where nothing else runs: a ratio below 1 would mean that batching costs time.
+    assert found["SyncVectorEnv"]["ratio"]["median"] > 1
+    assert found["plain loop over reset and step"]["ratio"]["median"] > 1
+    assert all(f["milliseconds"]["least"] > 0 for f in found.values())

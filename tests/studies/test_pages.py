@@ -1,0 +1,143 @@
+"""Every page in results/ is what its program writes from the numbers stored beside it."""
+
+import json
+
+import pytest
+from recordings import ROOT
+
+from benchmarks import page as benchmark_page
+from studies import (
+    accuracy_page,
+    budget,
+    comparison,
+    dataset_scale,
+    learning,
+    million,
+    nonlinear,
+    nonlinear_speed,
+    off_design_page,
+    plants,
+    ratios,
+    readme,
+    results_page,
+    schedule_page,
+    table3,
+    trusting,
+)
+from studies.markdown import general, short, table
+from studies.off_design import Accuracy, Cell
+from studies.schedule import Bin, Price, Schedule
+from studies.scoreboard import PROTOCOL, Estimate, Row
+
+RESULTS = ROOT / "results"
+
+
+def stored(name):
+    return json.loads((RESULTS / f"{name}.json").read_text())
+
+
+def accurate(found, kind):
+    """A record that holds `Accuracy`."""
+    both = {name: Accuracy(**found[name]) for name in ("phase_margin", "crossover")}
+    return kind(**found | both)
+
+
+def off_design():
+    found = stored("off_design")
+    cells = [accurate(cell, Cell) for cell in found["cells"]]
+    return off_design_page.page(cells, found["conditions"]["seed"])
+
+
+def schedule():
+    found = stored("schedule")
+    prices = [
+        Price(p["tuner"], p["v_x"], [accurate(cell, Cell) for cell in p["cells"]])
+        for p in found["wrong_speed"]
+    ]
+    return schedule_page.page(
+        [Schedule(**row) for row in found["schedule"]],
+        [accurate(b, Bin) for b in found["accuracy"]],
+        prices, found["conditions"]["episodes"], found["conditions"]["seed"],
+    )  # fmt: skip
+
+
+def nonlinear_twin():
+    found = stored("nonlinear")
+    scores = [nonlinear.Score(**row) for row in found["rows"]]
+    return f"{nonlinear.to_markdown(scores)}\n{nonlinear_speed.to_markdown(found['speed'])}"
+
+
+def agents():
+    scores = [comparison.Score(**row) for row in stored("rl")]
+    return comparison.to_markdown(scores, max(s.episodes for s in scores))
+
+
+def scoreboard():
+    estimates = ("reward", "regret", "score", "phase_margin", "crossover")
+    rows = [
+        Row(**row | {name: Estimate(**row[name]) for name in estimates})
+        for row in stored("scoreboard")["rows"]
+    ]
+    return results_page.page(rows, PROTOCOL, results_page.others(RESULTS))
+
+
+PAGES = {
+    "table3": lambda: table3.to_markdown(stored("table3")["rows"]),
+    "ratios": lambda: ratios.to_markdown([ratios.Entry(**row) for row in stored("ratios")]),
+    "trust": lambda: trusting.to_markdown(stored("trust")),
+    "budget": lambda: budget.to_markdown(stored("budget")["rows"]),
+    "learning": lambda: learning.to_markdown(stored("learning")["rows"]),
+    "million": lambda: million.to_markdown(stored("million")),
+    "off_design": off_design,
+    "schedule": schedule,
+    "nonlinear": nonlinear_twin,
+    "rl": agents,
+    "datasets": lambda: dataset_scale.to_markdown(stored("datasets")),
+    "benchmark": lambda: benchmark_page.to_markdown(stored("benchmark")),
+    "plants": lambda: plants.page(stored("plants")),
+    "accuracy": lambda: accuracy_page.page(RESULTS),
+    "README": scoreboard,
+}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_comes_from_its_numbers(name):
+    assert PAGES[name]() == (RESULTS / f"{name}.md").read_text()
+
+
+def test_all_pages_are_here():
+    assert {path.stem for path in RESULTS.glob("*.md")} == set(PAGES)
+
+
+@pytest.mark.parametrize("name", ["table3", "ratios"])
+def test_the_readme_shows_the_tables_of_the_results(name):
+    page = (ROOT / "README.md").read_text()
+    assert readme.updated(page, name, (RESULTS / f"{name}.md").read_text()) == page
+
+
+def test_a_page_without_markers_is_refused():
+    page = "a <!-- x:start --> old <!-- x:end --> b"
+    new = "a <!-- x:start -->\n| new |\n<!-- x:end --> b"
+    assert readme.updated(page, "x", "| new |\n") == new
+    for broken in ("", page.replace("start", "begin"), page.replace("x:end", "end")):
+        with pytest.raises(ValueError, match="x:start"):
+            readme.updated(broken, "x", "| new |")
+
+
+def test_a_table_has_a_cell_for_every_head():
+    assert table(("a", "b"), [(1, "x y")]) == "| a | b |\n|---|---|\n| 1 | x y |\n"
+    with pytest.raises(ValueError, match="argument"):
+        table(("a", "b"), [(1,)])
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (1234.5, "1234"), (60.02, "60.0"), (0.17144, "0.171"), (0.0031999, "0.00320"),
+     (3e-9, "3e-09"), (float("nan"), "nan")],
+)  # fmt: skip
+def test_three_digits_without_exponent(value, text):
+    assert short(value) == text
+
+
+def test_general_numbers():
+    assert (general(None), general(1.2345), general(0.5, 2.0)) == ("–", "1.23", "0.5 (2)")

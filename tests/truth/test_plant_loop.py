@@ -1,0 +1,109 @@
+"""Linear plants in a PI loop, against python-control, and the vehicle among them."""
+
+from dataclasses import replace
+
+import control
+import numpy as np
+import pytest
+
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.episodes import integers_of, recorded, sample
+from yawrate_env.plant.pi_loop import PILoop
+from yawrate_env.signals.excitation import prbs
+from yawrate_env.signals.streams import stream
+from yawrate_env.vehicle.episode import Draw, loops, record
+from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.yaw_rate import context_of, theta_of, yaw_rate
+
+TARGET = Target(phase_margin=50.0, crossover=1.0, Ts=0.02)
+TASK = Task(experiment=Experiment(Ts=0.004, N=2500))
+
+
+def model(theta):
+    """An order of 3 in states with another output row for every plant."""
+    gain, lag = theta
+    A = np.array([[-1 / lag, 1.0, 0.0], [0.0, -8.0, 2.0], [0.5, 0.0, -20.0]])
+    return control.ss(A, [[0.0], [1.0], [3.0]], [[gain, -0.2, gain]], 0.0)
+
+
+def test_python_control_models_are_simulated_as_python_control_does():
+    loop, theta = PILoop.of(model, 0.01, TARGET), np.array([[2.0, 0.5], [-3.0, 0.2]])
+    u = prbs(400, 0.01, 0.2, 1.0)[0]
+    for row, y in zip(theta, loop.simulate(theta, u, None), strict=True):
+        expected = control.forced_response(model(row).sample(0.01), U=u).outputs
+        np.testing.assert_allclose(y, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_the_design_meets_the_target_by_python_controls_own_margins():
+    loop = PILoop.of(lambda theta: control.tf([theta[0]], [theta[1], 1]), 0.01, TARGET)
+    theta = np.array([[2.0, 0.5], [3.0, 0.2]])
+    gains, reached = loop.design(theta)
+    metrics, stable = loop.evaluate(theta, gains)
+    np.testing.assert_allclose(metrics, [[50.0, 1.0]] * 2, rtol=1e-9)
+    assert reached.all() and stable.all()
+    for (K, T), (kp, Ti) in zip(theta, gains, strict=True):
+        plant = control.tf([K], [T, 1]).sample(0.02)
+        pi = kp * (1 + 0.02 / (2 * Ti) * control.tf([1, 1], [1, -1], 0.02))
+        _, pm, _, wc = control.margin(plant * pi)
+        assert (pm, wc) == pytest.approx((50.0, 2 * np.pi), rel=1e-6)
+
+
+def test_models_that_do_not_fit_are_refused():
+    through = PILoop.of(lambda theta: control.tf([1, 1], [theta[0], 1]), 0.01, TARGET)
+    with pytest.raises(ValueError, match="D = 0"):
+        through.design(np.ones((1, 1)))
+
+
+def draw(task, count):
+    """The first episodes of the test set, by the vehicle's own code."""
+    integers = stream((2, 5), 0, count, integers_of(yaw_rate(task)))
+    return Draw.of(integers, task.prior)
+
+
+def test_the_vehicles_design_and_evaluation_are_those_of_its_loops():
+    plant = yaw_rate(TASK)
+    theta = sample(plant, 6)
+    expected = loops(TASK, context_of(theta)).design()
+    np.testing.assert_array_equal(plant.oracle(theta), np.stack([expected.kp, expected.Ti], axis=1))
+    gains = np.array([[0.2, 0.3], [0.4, 0.1], [0.1, 2.0], [2.0, 0.01], [-1.0, 1.0], [1e-4, 1.0]])
+    found = loops(TASK, context_of(theta)).evaluate(*gains.T)
+    metrics, stable = plant.evaluation(theta, gains)
+    np.testing.assert_array_equal(stable, found.stable)
+    for i, name in enumerate(("phase_margin", "crossover", "gain_margin")):
+        np.testing.assert_array_equal(metrics[:, i], getattr(found.margins, name))
+    assert len(np.unique(plant.reward(theta, gains).round(6))) >= 4  # graded, unstable, undefined
+
+
+@pytest.mark.parametrize("register", ["same", "random"])
+def test_the_vehicles_episodes_are_those_of_its_simulator(register):
+    task = Task(prior=Prior(v_x=(10.0, 33.0)), experiment=Experiment(0.004, 500, register=register))
+    drawn = draw(task, 150)
+    u, y = record(task, drawn)
+    found = recorded(yaw_rate(task), "test", 5, 150)
+    np.testing.assert_array_equal(found.theta, theta_of(drawn.context))
+    np.testing.assert_array_equal(found.u, u)
+    np.testing.assert_array_equal(found.y, y)
+
+
+def test_simulation_and_noise_in_one_call_are_the_same():
+    plant, drawn = yaw_rate(TASK), draw(TASK, 12)
+    theta = theta_of(drawn.context)
+    slow = replace(plant, record=None)
+    y = plant.measure(theta, plant.u[None], drawn.key)
+    np.testing.assert_allclose(slow.measure(theta, plant.u[None], drawn.key), y, rtol=1e-12)
+
+
+def test_exact_slopes_are_those_by_differences():
+    """From the same recordings, the search with either ends in the same parameters."""
+    from tuners.trust.identification import identify
+
+    plant, drawn = yaw_rate(TASK), draw(TASK, 12)
+    theta = theta_of(drawn.context)
+    slow = replace(plant, sensitivity=None, search_limits={})
+    y = plant.measure(theta, plant.u[None], drawn.key)
+    start = np.repeat(plant.middle, 12, axis=0)
+    exact, found = (identify(p, plant.u[None], y, start) for p in (plant, slow))
+    inside = (np.abs(exact.theta - plant.middle) <= (slow.limits[1] - plant.middle)).all(axis=1)
+    assert inside.sum() > 8 and found.converged[inside].all()
+    difference = (found.theta - exact.theta)[:, :2] / plant.width
+    np.testing.assert_allclose(difference[inside], 0.0, atol=1e-5)

@@ -1,0 +1,131 @@
+"""Rows of the page's tables."""
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any
+
+from tuners.cli.report.numbers import minus
+from tuners.cli.text import (
+    between,
+    displayed,
+    every,
+    gain_units,
+    metric_name,
+    quantity,
+    unit_of,
+)
+from tuners.logs import Log
+from tuners.trust.checks import Check
+from tuners.tuner.result import Result
+from yawrate_env.plant.names import check_name, split
+from yawrate_env.plant.plant import Plant
+
+CHECKS = {
+    "implausible": "Largest input or output over what is plausible",
+    "between": "Output lost between slow samples",
+    "noise": "Residual over simulated output",
+    "misfit": "Output that no plant of the simulator reproduces",
+    "response": "Response off the fitted plant's",
+    "outside": "Fitted plant outside the prior, in widths of it",
+    "colour": "Residual's power at the crossover, over white noise",
+    "unsolved": "Design or numerics failed",
+}
+"""Checks of every plant, as tables name them."""
+
+
+def numbers(result: Result) -> list[tuple[str, str, str, str]]:
+    """Gains and metrics: name, value, unit, and the interval below."""
+    units = gain_units(result.plant)
+    gains = [
+        (split(name)[0], minus(quantity(value, "")), units[name] if isfinite(value) else "", "")
+        for name, value in result.gains.items()
+    ]
+    metrics = []
+    for name, interval in result.intervals.items():
+        unit = {"deg": "°"}.get(unit_of(name), unit_of(name))
+        value, _, below = minus(between(interval, unit).replace(" °", "°")).partition(", ")
+        below = below.replace(" %", "\N{NO-BREAK SPACE}%") or "the recording does not tell"
+        metrics.append((capital(metric_name(name)), value, "", below))
+    return gains + metrics
+
+
+def parameters(result: Result) -> list[tuple[str, str, str]]:
+    """Parameters of the fitted plant: name, value, and how it is known."""
+    plant, deviations, rows = result.plant, result.fit.deviations, []
+    for name, value in result.fit.parameters.items():
+        low, high = plant.prior[name]
+        prior = f"{low:.4g} to {high:.4g}"
+        if name in deviations:
+            known = f"estimated, standard deviation {deviations[name]:.2g}; prior {prior}"
+        elif name in plant.measured:
+            known = f"measured; the tuner was made for {prior}" if low < high else "measured"
+        else:
+            known = "known"
+        label, unit = split(plant.label(name))
+        rows.append((label, minus(quantity(value, unit)), minus(known)))
+    return rows
+
+
+def checks(result: Result) -> list[tuple[Check, str, str]]:
+    """Checks with their names and units for people."""
+    names = _check_names(result.plant)
+    return [(c, *names.get(c.name, (c.name.replace("_", " "), ""))) for c in result.checks]
+
+
+def setup(result: Result, log: Log, tuner: str) -> list[tuple[str, str]]:
+    """What the result rests on: tuner, plant, target, recording."""
+    plant, fit = result.plant, result.fit
+    (_, (output, factor)), target = displayed(plant), plant.parametrisation.target
+    rows = [("Tuner", tuner), ("Plant", plant.entry or "without an entry point")]
+    rows += [
+        (capital(name), _listed(value))
+        for name, value in plant.arguments.items()
+        if value and name != "target"
+    ]
+    rows.append(("Signals", " to ".join(plant.signals)))
+    if target is not None:
+        rows.append(("Target", f"phase margin {target.phase_margin:g}°, crossover "
+                     f"{target.crossover:g} Hz"))  # fmt: skip
+        rows.append(("Controller", f"{every(target.Ts)}, delay {target.delay_samples} samples"))
+    rows.append(("Experiment trained on", f"{len(plant.u) * plant.Ts:g} s, {every(plant.Ts)}"))
+    rows.append(("Recording", f"{log.duration:.4g} s, {every(log.recorded_Ts)}"))
+    for name, values in log.measured.items():
+        label, unit = split(plant.label(name))
+        ends = f"from {values.min():.4g} to {values.max():.4g}"
+        rows.append((capital(label), f"{quantity(float(values.mean()), unit)}, {ends}"))
+    start = "from rest, without offset"
+    if not fit.from_rest:
+        offset, initial = (
+            quantity(factor * v, unit_of(output), 3) for v in (fit.offset, fit.initial)
+        )
+        start = f"in motion; offset {offset}, response to the initial state {initial} rms"
+    rows += [("Start", start), ("Signal to noise", f"{fit.snr_db:.1f} dB")]
+    return [(name, minus(value) if name in ("Start", "Signal to noise") else value)
+            for name, value in rows]  # fmt: skip
+
+
+def capital(words: str) -> str:
+    """With a capital first letter."""
+    return words[:1].upper() + words[1:]
+
+
+def _check_names(plant: Plant) -> dict[str, tuple[str, str]]:
+    """Names and units of a plant's checks, by the checks' own names."""
+    named = {name: (words, "") for name, words in CHECKS.items()}
+    for parameter in plant.measured:
+        label, unit = split(plant.label(parameter))
+        named[label] = f"{capital(label)} outside the tuner's range", unit
+    for metric in plant.counted:
+        words, unit = metric_name(metric), unit_of(metric)
+        named[check_name(metric, "spread")] = f"Standard deviation of the {words}", unit
+        named[check_name(metric, "error")] = f"{capital(words)} off its target", unit
+    return named
+
+
+def _listed(value: Any) -> str:
+    """A JSON value in one line: ``M_0 1895, J_z 2400``."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_listed(item)}" for name, item in value.items())
+    if isinstance(value, list | tuple):
+        return " to ".join(map(_listed, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)

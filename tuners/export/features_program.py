@@ -1,0 +1,98 @@
+"""The first stage on Laguerre functions as a C99 program: sample by sample, in constant memory.
+
+It filters as `tuners.features.laguerre` and accumulates the normal equations, from which the
+features follow at the end; always in double precision, because the equations square the
+condition number.  All such stages solve symmetric equations by Cholesky's method: the normal
+equations, whose solution are the features or gives a frequency response, or those of the
+principal components.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from tuners.export.golden import GoldenSignals
+from tuners.export.parts import OnLaguerre, feature_count
+from tuners.export.programs import program
+from tuners.features.laguerre import Laguerre
+from tuners.features.regularised import Regularised
+from tuners.features.response import FrequencyResponse
+from yawrate_env import validation
+
+_TOLERANCE = 1e-8  # of the largest feature: the equations lose half of the digits
+
+
+def features_program(
+    stage: OnLaguerre,
+    Ts: float,
+    *,
+    signals: tuple[str, str] = ("u", "y"),
+    name: str = "yawrate_laguerre",
+) -> dict[str, str]:
+    """Header, source and test program, by file name.
+
+    Parameters
+    ----------
+    stage : Laguerre, Regularised or FrequencyResponse
+        A tuner's first stage.
+    Ts : float
+        Sampling time of the episodes [s].
+    signals : tuple of str
+        Names of input and output.
+    name : str
+        Prefix of the files and of all that they declare.
+    """
+    validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
+    pole = float(np.exp(-stage.pole * Ts))
+    test = GoldenSignals.of(stage.pole, Ts)
+    golden = stage(*test(), Ts)[0][0]
+    values = {
+        "stage": stage,
+        "Ts": Ts,
+        "signals": signals,
+        "pole": pole,
+        "gain": np.sqrt(1 - pole * pole),
+        "golden": golden,
+        "golden_signals": test,
+        "tolerance": _TOLERANCE * np.abs(golden).max(),
+        **sizes(stage),
+        **_solve(stage, Ts),
+    }
+    return program("features", name, values)
+
+
+def sizes(stage: OnLaguerre) -> dict[str, int]:
+    """Samples that a recording must have, and bytes of state, constants and (roughly) stack."""
+    n, features = stage.order, feature_count(stage)
+    match stage:
+        case Laguerre():
+            solved, constants, least = n, 0, 10 * n
+        case Regularised():
+            solved, constants, least = features, 1 + n * (1 + features), 2 * n
+        case FrequencyResponse():
+            solved, constants, least = n, 1 + n * features, 10 * n
+    return {
+        "least_samples": least,
+        "state_size": 8 * (n + 1) ** 2,
+        "constant_size": 8 * (3 + constants),
+        "stack_size": 8 * solved * (solved + 4),
+    }
+
+
+def _solve(stage: OnLaguerre, Ts: float) -> dict[str, Any]:
+    """The template that makes features of the equations, its description and its constants."""
+    match stage:
+        case Laguerre():
+            return {"solve": "coefficients.c", "description": "Coefficients"}
+        case Regularised():
+            return {
+                "solve": "components.c",
+                "description": "Principal components of coefficients",
+            }
+        case FrequencyResponse():
+            return {
+                "solve": "response.c",
+                "description": "Log magnitude and phase [rad]",
+                "functions": stage.functions(Ts),
+                "turn": 2 * np.pi,
+            }

@@ -1,0 +1,130 @@
+"""A two-stage tuner as C99 programs: from samples to gains.
+
+The first stage is `tuners.export.features_program`, in files of its own; beside it come the
+learner, which must be a network, the parametrisation of the gains, and a test program.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from tuners.export.features_program import features_program, sizes
+from tuners.export.golden import GoldenSignals
+from tuners.export.parts import Parts
+from tuners.export.programs import program
+from tuners.learners import Learner
+from tuners.learners.actor import Agent
+from tuners.learners.feedforward import FeedForward
+from tuners.learners.trend import Trend
+from yawrate_env.loop import controller
+from yawrate_env.loop.design import LEAST_LAG
+from yawrate_env.plant.episodes import sample
+from yawrate_env.plant.parametrisation import LOG, Parametrisation
+
+_PLANTS = 24
+_TOLERANCE = 1e-9  # relative, of gains
+
+
+def tuner_program(
+    tuner: Any, *, name: str = "yawrate_tuner", first: str = "yawrate_laguerre"
+) -> dict[str, str]:
+    """Headers, sources and test programs of both stages, by file name.
+
+    Parameters
+    ----------
+    tuner : Tuner
+        With features on Laguerre functions and a network.
+    name, first : str
+        Prefix of the files and of all that they declare, of the tuner and of its first stage.
+
+    Raises
+    ------
+    ValueError
+        The tuner cannot be written in C; the message says why, and what can.
+    """
+    parts = Parts.of(tuner)
+    plant, learner = parts.plant, _network(parts.learner)
+    size, network = sizes(parts.features), learner["network"]
+    own = 3 * parts.width + len(network.b1)
+    learned = sum(np.size(array) for array in parts.learner.arrays().values())
+    values = {
+        "first": first,
+        "gains": plant.gains,
+        "signals": plant.signals,
+        "Ts": plant.Ts,
+        "width": parts.width,
+        "measured": plant.measured_names,
+        "positive": [name for name in plant.measured_names if plant.prior[name][0] > 0],
+        "golden": _golden(parts),
+        "golden_signals": _golden_signals(parts),
+        **size,
+        "constant_size": size["constant_size"] + 8 * int(learned),
+        "stack_size": size["stack_size"] + 8 * own,
+        **learner,
+        **_decoding(parts.parametrisation),
+    }
+    return {**first_stage_program(tuner, name=first), **program("tuner", name, values)}
+
+
+def first_stage_program(tuner: Any, *, name: str = "yawrate_laguerre") -> dict[str, str]:
+    """The same of the first stage alone, whatever the learner."""
+    parts = Parts.of(tuner)
+    plant = parts.plant
+    return features_program(parts.features, plant.Ts, signals=plant.signals, name=name)
+
+
+def _network(learner: Learner) -> dict[str, Any]:
+    """The network, and the trend before it if any; ``ValueError`` for other learners."""
+    trend = learner if isinstance(learner, Trend) else None
+    network = learner if trend is None else trend.rest
+    if isinstance(network, FeedForward):
+        return {"network": network, "trend": trend}
+    if isinstance(network, Agent):
+        raise ValueError(
+            "the tuner's agent cannot be written in C. Export its first stage alone with "
+            "features=True (--features), or the whole tuner to target onnx."
+        )
+    raise ValueError(
+        "the tuner's boosted trees cannot be written in C: thousands of nodes each. Export its "
+        "first stage alone with features=True (--features), the whole tuner to target onnx, or "
+        "one with a network, such as ts-ff-lag."
+    )
+
+
+def _decoding(parametrisation: Parametrisation) -> dict[str, Any]:
+    """What the template needs to make gains of predicted coordinates."""
+    target = parametrisation.target
+    if target is None:
+        return {"target": None, "logarithms": parametrisation.decode is LOG.decode}
+    return {
+        "target": target,
+        "omega": controller.warped(target),
+        "least_lag": -LEAST_LAG,
+        "quarter_turn": -np.pi / 2,
+    }
+
+
+def _golden_signals(parts: Parts) -> GoldenSignals:
+    """A recording in which the lag's output is of the size of the plants'."""
+    plant = parts.plant
+    outputs = plant.respond(sample(plant, 1))
+    size = float(np.linalg.norm(outputs[0]) / np.linalg.norm(plant.u))
+    return GoldenSignals.of(parts.features.pole, plant.Ts, size)
+
+
+def _golden(parts: Parts) -> dict[str, Any]:
+    """Features of plants, some of them extreme, and their gains; last those of the signals."""
+    plant, theta = parts.plant, sample(parts.plant, _PLANTS)
+    features, _ = parts.features(plant.u[None], plant.respond(theta), plant.Ts)
+    features[-1, 0], features[-2] = np.nan, -features[-2]
+    features[-4:-2] *= [[3.0], [30.0]]
+    whole, _ = parts.features(*_golden_signals(parts)(), plant.Ts)
+    theta = np.concatenate([theta, theta[:1]])
+    gains, status = parts.answer(np.concatenate([features, whole]), theta)
+    return {
+        "tolerance": _TOLERANCE,
+        "features": features,
+        "measured": theta[:, plant.indices(plant.measured_names)],
+        "gains": gains,
+        "status": status,
+    }

@@ -1,0 +1,210 @@
+"""Between a plant and an agent: what is observed of episodes, and the outcome of gains.
+
+Everything is batched; the scalar environment is a batch of one.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import ArrayLike, NDArray
+
+from yawrate_env import validation
+from yawrate_env.plant.action_bounds import action_bounds, corners
+from yawrate_env.plant.episodes import Draw, designed, integers_of
+from yawrate_env.plant.names import ORACLE, split
+from yawrate_env.plant.parametrisation import scale_to_bounds
+from yawrate_env.plant.plant import Plant
+from yawrate_env.plant.reward import defined
+from yawrate_env.signals.decimation import averaged
+
+Array = NDArray[np.float64]
+Observation = NDArray[np.float32]
+Info = dict[str, NDArray[Any]]
+
+_LARGEST = 1e30  # finite, as agents require, and beyond any unit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Interface:
+    """What an agent observes of a plant's episodes, and what it chooses.
+
+    Attributes
+    ----------
+    plant : Plant
+        Episodes and rewards are its.
+    observation_space : Box
+        (2 + m, samples) float32: input, measured output, and the visible parameters, constant
+        in time.  Outputs are clipped to it.
+    action_space : Box
+        (k,) float64, gains.
+    visible : tuple of str
+        Names of the m visible parameters.
+    features_of : callable
+        Parameters (B, p) to those features (B, m) that the visible ones are, beside a
+        recording's own.
+    check_pin : callable
+        ``check_pin(name, value)`` raises ``ValueError`` where `reset` cannot pin a parameter to
+        a value.
+    decimate : int
+        Observations are averages over blocks of so many samples.
+    unmasked : bool
+        Whether the info has the metrics of unstable loops as they are evaluated; otherwise they
+        are ``nan``, and ``inf`` where the loop is stable and a metric is undefined.
+    basis : tuple, optional
+        Order and pole [rad/s] of the Laguerre features that agents observe; suited to the plant
+        if omitted.
+    """
+
+    plant: Plant
+    observation_space: Box
+    action_space: Box
+    visible: tuple[str, ...]
+    features_of: Callable[[Array], Array]
+    check_pin: Callable[[str, float], Any]
+    decimate: int = 1
+    unmasked: bool = False
+    basis: tuple[int, float] | None = None
+
+    @classmethod
+    def of(cls, plant: Plant) -> Self:
+        """The default: measured parameters are visible, gains are those that the prior needs."""
+        shape = (2 + len(plant.measured_names), len(plant.u))
+        return cls(
+            plant,
+            Box(-_LARGEST, _LARGEST, shape, dtype=np.float32),
+            action_box(plant),
+            plant.measured_names,
+            plant.measured_features,
+            plant.check_value,
+        )
+
+    @property
+    def integers(self) -> int:
+        """How many random 64-bit integers an episode takes."""
+        return integers_of(self.plant)
+
+    @property
+    def Ts(self) -> float:
+        """Sampling time of the observations [s]."""
+        return self.plant.Ts * self.decimate
+
+    def pins(self, options: Mapping[str, Any], count: int) -> dict[str, Array]:
+        """Parameters (count,) that the options of ``reset`` pin, checked."""
+        pins: dict[str, Array] = {}
+        for name, value in options.items():
+            validation.one_of("reset option", name, tuple(self.plant.prior))
+            values = validation.float_array(f"reset option {name}", value)
+            if values.shape not in ((), (1,), (count,)):
+                raise ValueError(
+                    f"reset option {name} has shape {values.shape}. Give one number"
+                    + (f", or {count}." if count > 1 else ".")
+                )
+            for one in values.flat:
+                self.check_pin(name, float(one))
+            pins[name] = np.broadcast_to(values, (count,))
+        return pins
+
+    def begin(
+        self, integers: NDArray[np.uint64], pins: Mapping[str, Array], rng: np.random.Generator
+    ) -> tuple[Array, Observation]:
+        """Parameters (B, p) and observations of episodes from random integers (B, n)."""
+        draw = Draw.of(self.plant, integers)
+        for i, values in zip(self.plant.indices(pins), pins.values(), strict=True):
+            draw.theta[:, i] = values
+        obs = self._empty(len(integers))
+        self.plant.measure(draw.theta, draw.u, draw.keys, rng, out=obs[:, 1])
+        self._check_finite(draw.theta, obs[:, 1])
+        return draw.theta, self._completed(obs, draw.u, draw.theta)
+
+    def observe(self, u: Array, y: NDArray[np.floating], theta: Array) -> Observation:
+        """Observations of episodes that are already recorded.
+
+        Parameters
+        ----------
+        u : (1, N) or (B, N)
+            Inputs.
+        y : (B, N)
+            Measured outputs.
+        theta : (B, p)
+            Parameters, of which only the visible ones are used.
+        """
+        obs = self._empty(len(y))
+        obs[:, 1] = y
+        return self._completed(obs, u, theta)
+
+    def recordings(self, obs: ArrayLike) -> tuple[Array, Array, Array]:
+        """Inputs (1 or B, N), outputs (B, N) and parameters (B, p) of observations (B, rows, N).
+
+        Parameters that are not visible are those in the middle of the prior.
+        """
+        array, shape = validation.real_array("obs", obs), self.observation_space.shape
+        if array.shape[1:] != shape:
+            raise ValueError(
+                f"obs has shape {array.shape}. Give (B, {shape[0]}, {shape[1]}), as this "
+                "environment does."
+            )
+        u, y = array[:, 0], array[:, 1]
+        u = u[:1] if (u == u[:1]).all() else u
+        theta = np.tile(self.plant.middle, (len(array), 1))
+        theta[:, self.plant.indices(self.visible)] = array[:, 2:, 0]
+        return u.astype(np.float64, order="C"), y.astype(np.float64, order="C"), theta
+
+    def outcome(self, theta: Array, actions: Array) -> tuple[Array, Info]:
+        """Rewards (B,) of actions (B, k), and the info with the truth, arrays (B,)."""
+        plant, space = self.plant, self.action_space
+        gains = np.clip(actions, space.low, space.high)
+        values, stable = plant.evaluation(theta, gains)
+        oracle = plant.oracle(theta)
+        metrics = values if self.unmasked else defined(values, stable)
+        info = {
+            **dict(zip(plant.gains, gains.T, strict=True)),
+            "clipped": (gains != actions).any(axis=1),
+            **{split(name)[0]: of for name, of in zip(plant.metrics, metrics.T, strict=True)},
+            "stable": stable,
+            **{ORACLE + name: of for name, of in zip(plant.gains, oracle.T, strict=True)},
+            **dict(zip(plant.prior, theta.T, strict=True)),
+        }
+        errors = plant.counted_values(values, stable) - plant.targets(theta)
+        return plant.reward_of(errors), info
+
+    def _empty(self, count: int) -> Observation:
+        return np.empty((count, 2 + len(self.visible), len(self.plant.u)), dtype=np.float32)
+
+    def _completed(self, obs: Observation, u: Array, theta: Array) -> Observation:
+        """Fill in the rows around the output, row 1, and decimate."""
+        obs[:, 0] = u
+        low, high = self.observation_space.low[1, 0], self.observation_space.high[1, 0]
+        np.clip(obs[:, 1], low, high, out=obs[:, 1])
+        obs[:, 2:] = theta[:, self.plant.indices(self.visible), None]
+        return obs if self.decimate == 1 else averaged(obs, self.decimate).astype(np.float32)
+
+    def _check_finite(self, theta: Array, y: Observation) -> None:
+        if np.isfinite(y).all():
+            return
+        worst = int(np.argmin(np.isfinite(y).all(axis=1)))
+        names = zip(self.plant.prior, theta[worst], strict=True)
+        raise ValueError(
+            f"The output with {', '.join(f'{name} = {value:.4g}' for name, value in names)} is "
+            "not finite: this plant is unstable. Choose other parameters, or check the simulator."
+        )
+
+
+def action_box(plant: Plant) -> Box:
+    """Gains that the coordinates within an agent's bounds stand for."""
+    low, high = action_bounds(plant)
+    units = corners(-np.ones_like(low), np.ones_like(low))
+    ends = plant.parametrisation.decode(scale_to_bounds(units, low, high))
+    gains = np.concatenate([designed(plant), ends[np.isfinite(ends).all(axis=1)]])
+    return Box(gains.min(axis=0), gains.max(axis=0), dtype=np.float64)
+
+
+def copied(options: Mapping[str, Any] | None) -> dict[str, Any]:
+    """A copy of the options of ``reset``, or ``ValueError``."""
+    if not isinstance(options, Mapping | None):
+        raise ValueError(
+            f"reset options = {options!r} are not a dictionary. Give {{name: value}}, or None."
+        )
+    return dict(options or {})

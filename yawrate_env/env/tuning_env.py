@@ -1,0 +1,82 @@
+"""The one-step environment of any plant: ``yawrate/Plant-v0``."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+
+from yawrate_env import validation
+from yawrate_env.env.interface import Array, Interface, Observation, copied
+from yawrate_env.plant.entry import find
+from yawrate_env.plant.plant import Plant
+
+
+class TuningEnv(gymnasium.Env[Observation, Array]):
+    """Choose a controller's gains from one recorded experiment on an unknown plant.
+
+    | space | shape | content |
+    |---|---|---|
+    | observation | (2 + m, N) float32 | input, measured output; m measured parameters, constant |
+    | action | (k,) float64 | gains: those that the prior's plants need, and a quarter more |
+
+    The reward is -e/(1 + e/4) with e the distance of the loop's metrics from what the design
+    rule reaches, in the errors that count as one; -4 where a metric is undefined, -5 where
+    the loop is unstable.  An episode is one step.  The info after it has the gains,
+    ``clipped``, the metrics by their names without units, ``stable``, ``oracle_NAME`` of
+    every gain and the parameters; that of ``reset`` is empty.  ``reset(options={name: value})``
+    pins parameters.
+
+    Parameters
+    ----------
+    interface : Interface
+        Between the plant and the agent.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}
+
+    def __init__(self, interface: Interface) -> None:
+        self.interface = interface
+        self.observation_space: Any = interface.observation_space
+        self.action_space: Any = interface.action_space
+        self._theta: Array | None = None
+        self._obs: Observation | None = None
+        self._gains: Array | None = None
+
+    @property
+    def plant(self) -> Plant:
+        """The family of plants that episodes are drawn from."""
+        return self.interface.plant
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Draw a plant and record its episode."""
+        pins = self.interface.pins(copied(options), 1)
+        super().reset(seed=seed)
+        integers = self.np_random.bit_generator.random_raw(self.interface.integers)[None]
+        self._theta, obs = self.interface.begin(integers, pins, self.np_random)
+        self._obs, self._gains = obs[0], None
+        return self._obs.copy(), {}
+
+    def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Close the loop with these gains and evaluate it."""
+        if self._theta is None or self._obs is None or self._gains is not None:
+            raise ResetNeeded("An episode has one step. Call reset() before the next step().")
+        names = self.plant.gains
+        given = validation.finite_array("action", action, shape=(len(names),))
+        reward, info = self.interface.outcome(self._theta, given[None])
+        self._gains = np.concatenate([info[name] for name in names])
+        scalars = {name: values[0].item() for name, values in info.items()}
+        return self._obs.copy(), float(reward[0]), True, False, scalars
+
+
+def plant_env(plant: str | Plant) -> TuningEnv:
+    """Entry point of ``yawrate/Plant-v0``.
+
+    Parameters
+    ----------
+    plant : str or Plant
+        ``"module:attribute"``; a Plant itself works too, but not with ``EnvSpec.to_json``.
+    """
+    return TuningEnv(Interface.of(find(plant)))
