@@ -39,7 +39,7 @@ answer in steps: they need many more vehicles for a part of that accuracy.
 {off_design}
 ## When not to trust
 
-A tuner answers whatever it is given. `tune` therefore asks the recording about the answer:
+A tuner gives gains for any recording. `tune` therefore checks them against the recording:
 
 1. The simulator is fitted to the recording (two parameters), and so is a black box that knows
    nothing of vehicles (twenty). What the black box explains and the simulator does not, beyond
@@ -51,15 +51,16 @@ A tuner answers whatever it is given. `tune` therefore asks the recording about 
    the gains must meet the target (**phase margin error**, **crossover error**).
 4. The recording must hold enough information (**phase margin spread**, **crossover spread**).
 
-Nothing here recognises the stored excitation: other registers, bit times, lengths and starts in
-mid-drive pass. Where an answer is not trusted, `tune` says why in words and offers a conservative
-**fallback**: gains whose loop stays farther than 1/2 from -1 for every vehicle of the prior.
+None of these checks depends on the stored excitation: other registers, bit times, lengths and
+starts in mid-drive pass. Where an answer is not trusted, `tune` gives the reasons and a
+**fallback**: gains that are right for some vehicle of the prior, stable for all of them, and best
+for the vehicle that they suit least.
 
 The predicted margins are those of the loop with the fitted vehicle, and their **intervals** are
 calibrated by split conformal prediction on 5000 episodes of the `calibration` set: nine times in
 ten the true margin lies inside, whatever the shape of the errors.
 
-Severities of the faults below were fixed before anything was measured (`tuners/studies/faults.py`).
+Severities of the faults below (`scripts/studies/faults.py`) were fixed before any measurement.
 "Gains miss" means more than 3° or 0.15 Hz off with the true vehicle, or an unstable loop.
 Recordings with values that are not numbers are refused with an error and do not appear.
 

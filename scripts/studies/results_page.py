@@ -34,7 +34,7 @@ class Fixed:
 _PAGE = """\
 # Results
 
-Made by `make results`; edits are overwritten. The same figures for programs:
+Made by `make results`; edits are overwritten. The same numbers for programs:
 [scoreboard.json](scoreboard.json).
 
 ## {title}
@@ -55,24 +55,23 @@ Made by `make results`; edits are overwritten. The same figures for programs:
 {missing}\
 ## How to read it
 
-- **Score**: linear in mean reward, 0 for `nominal` (the fixed gains of the mid-prior vehicle: what
-  a tuner achieves that does not look) and 1 for `oracle` (the design rule that knows the vehicle).
-  Negative means worse than not looking. It is what to compare by; where it is all nines, compare
-  the regret.
+- **Score**: linear in mean reward, 0 for `nominal` (the fixed gains of the mid-prior vehicle, which
+  ignore the recording) and 1 for `oracle` (the design rule that knows the vehicle). Negative means
+  worse than the fixed gains. Compare tuners by their score; where all are near 1, by the regret.
 - **Reward** and **regret**: with e = hypot(phase-margin error / 10°, crossover error / 0.25 Hz), a
   stable loop earns −e/(1 + e/4), an unstable one −5. Regret is the mean of the oracle's reward
   minus the tuner's on the same episode; 0.01 is about 0.1° or 0.0025 Hz.
 - **rmse**: root mean square of the distance from the target, bias included; **× bound**: over the
   least that any unbiased tuner can reach ([accuracy.md](accuracy.md)).
 - **Brackets**: 95 % bootstrap intervals over episodes. They say how well {episodes} episodes
-  determine the figure for *this* trained tuner; they do not cover what another training seed
+  determine the score of *this* trained tuner; they do not cover what another training seed
   would give{seeds}. All tuners get the same episodes, so two may differ for certain though
   their brackets overlap.
-- **`extrapolation`** asks what happens to vehicles that training never showed, stickier and
-  heavier at once: {beyond}.
+- **`extrapolation`** has vehicles outside the training data, with more friction and mass at once:
+  {beyond}.
   `nominal` and the learned tuners are made for the prior; `gb` assumes the equations of motion
   only, and `oracle` knows the vehicle. A tuner that falls far behind `gb` here does not
-  extrapolate: boosted trees, for one, answer as at the edge of what they were shown.
+  extrapolate: boosted trees, for example, predict what they predict at the edge of their data.
 
 ## Your own policy
 

@@ -93,6 +93,8 @@ SETTINGS = [
     ("actuator", 1, "or None"),
     ("remarks", 1, "or None"),
     ("command_limits", (1.0, -1.0), "low above high"),
+    ("display", ("speed [rpm]", 9.55), "first of display"),
+    ("display", (("voltage", 1.0), ("speed", 0.0)), "second of second of display"),
     ("gains", "kp", "names"),
     ("gains", {"kp", "Ti"}, "names"),
     ("gains", ("kp", 1), r"gains\[1\] = 1"),

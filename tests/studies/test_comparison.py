@@ -131,7 +131,8 @@ def test_agents_are_trained_once(training, tmp_path):
     first = comparison.agents(settings, tmp_path / "rl")
     assert list(first) == [500, 1000, 1500]
     assert first == comparison.agents(settings, tmp_path / "rl")
-    assert training == [(settings, (500, 1000, 1500))]
+    ((asked, at),) = training
+    assert (asked.seed, asked.episodes, at) == (4, 1500, (500, 1000, 1500))
     for n, (path, seconds) in first.items():
         assert path.name == f"sac-laguerre-4-{n}.tuner" and seconds >= 0
         assert path.read_text() == f"4 {n} of 1500"

@@ -86,7 +86,7 @@ def test_scipys_loop_agrees_with_what_it_is_timed_against():
 
 @pytest.mark.slow
 def test_training_on_the_nonlinear_twin_pays_at_four_degrees():
-    found = nonlinear.study(100, 0, silent, training=100, amplitudes=(4.0,))
+    found = nonlinear.study(60, 0, silent, training=60, amplitudes=(4.0,))
     for _, _, margin, crossover in nonlinear.factors(found):
         assert margin > 20 and crossover > 20  # hundreds with more vehicles
     assert all(math.isfinite(s.tracking_error) and s.unstable == 0 for s in found)

@@ -78,6 +78,7 @@ def test_train_writes_a_tuner_that_evaluate_takes(tmp_path, called):
     assert (tmp_path / "r.csv").read_text().splitlines()[1].startswith("my.tuner,0,")
 
 
+@pytest.mark.slow
 def test_train_writes_an_agent_for_a_plant(tmp_path, called):
     how = ("--episodes", 64, "--algorithm", "ppo", "--calibration", 50, "--out", "my.tuner")
     status, out, _ = called("train", "rl", "--plant", "first_order:lone", *how)
@@ -193,6 +194,7 @@ def test_programming_errors_keep_their_traceback(called, monkeypatch):
         called("evaluate", "--tuner", "gb", "--out", "rows.csv")
 
 
+@pytest.mark.slow
 def test_the_whole_paper_in_small(called, tmp_path):
     models = {path: path.read_bytes() for path in MODELS.iterdir()}
     places = ("--results", "new/results", "--figures", "new/figures")
@@ -228,6 +230,7 @@ def test_accuracy_counts_episodes_and_goes_on(called, tmp_path):
     assert {p.name for p in (tmp_path / "r").iterdir()} == {"million.json", "million.md"}
 
 
+@pytest.mark.slow
 def test_accuracy_asks_about_trust(called, tmp_path):
     few = ("--tuner", "gb", "--episodes", 2, "--results", "r")
     status, out, _ = called("accuracy", "trust", *few)
@@ -239,6 +242,7 @@ def test_accuracy_asks_about_trust(called, tmp_path):
     assert found["coverage"][0]["episodes"] == 50 and found["coverage"][0]["crossover"] > 0.7
 
 
+@pytest.mark.slow
 def test_off_design_writes_everything(called, tmp_path):
     places = ("--results", ".", "--figures", ".", "--every-speed", "ts-ff-lag-vx")
     status, out, _ = called("off_design", "--episodes", 2, "--tuner", "gb", *places)
@@ -283,6 +287,7 @@ def test_dataset_scale_measures_what_is_missing(called, tmp_path, monkeypatch):
     assert (tmp_path / "r" / "datasets.md").read_text() in out
 
 
+@pytest.mark.slow
 def test_compare_plant_gives_table_and_picture(called, tmp_path):
     name = "dc_motor"
     file = ROOT / "examples" / "plants" / f"{name}.py"

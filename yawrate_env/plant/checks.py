@@ -199,6 +199,7 @@ _SETTINGS: dict[str, Check] = {
     **dict.fromkeys(("arguments", "synonyms"), partial(_mapping, check=lambda name, value: value)),
     "black_box": _black_box,
     "command_limits": _interval_or_none,
+    "display": _display,
 }  # fmt: skip
 
 _OF_PARAMETERS: dict[str, Check] = {

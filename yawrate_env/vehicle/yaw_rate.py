@@ -96,7 +96,9 @@ COMMAND_LIMITS = (float(np.radians(-30.0)), float(np.radians(30.0)))
 """Road-wheel angle of exported controllers [rad]."""
 
 IN_DEGREES = "steering [deg]", "yaw rate [deg/s]"
-"""What pictures show."""
+_DEGREE = float(np.degrees(1.0))
+DISPLAY = (IN_DEGREES[0], _DEGREE), (IN_DEGREES[1], _DEGREE)
+"""Input and output in pictures and reports."""
 
 _LINEAR = 4.0  # m/s^2 of lateral acceleration, beyond which tyres saturate on dry asphalt
 _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
@@ -162,6 +164,7 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         search_limits=vehicles.limits(),
         action_bounds=vehicles.action_bounds,
         loop=vehicles.loop,
+        display=DISPLAY,
         command_limits=COMMAND_LIMITS,
         black_box=BLACK_BOX,
         entry=f"{__name__}:{from_settings.__name__}",
