@@ -32,7 +32,7 @@ def vehicle(method, task=VEHICLE) -> Tuner:
 
 
 def test_the_tuner_is_near_the_bound_and_beats_a_fixed_controller(tuner, family):
-    count = 24 if family in SLOW else 256
+    count = 16 if family in SLOW else 128
     found = compare(tuner, count, 0)
     bound = np.sqrt((found.bound**2).mean(axis=0))
     error = 1 / np.sqrt(2 * count)  # of a root mean square of normal errors, relative
