@@ -267,7 +267,7 @@ def test_hopeless_episodes_leave_their_neighbours_alone():
     np.testing.assert_array_equal(among.theta[-1:], alone.theta)
 
 
-def test_compressor_averages_blocks_and_drops_the_rest():
+def test_features_average_blocks_and_drop_the_rest():
     y = np.asarray(REFERENCE["y"], dtype=float)
     features, usable = Armax()(U, y, 0.001)
     fit = armax(blocks(U, 40), blocks(y, 40), 0.04)
@@ -278,7 +278,7 @@ def test_compressor_averages_blocks_and_drops_the_rest():
     np.testing.assert_array_equal(again, features)
 
 
-def test_compressor_takes_episodes_at_its_own_sampling_time():
+def test_features_take_episodes_at_its_own_sampling_time():
     u, y, Ts = reference_data("100hz")
     features, usable = Armax(Ts=0.01)(u, y, Ts)
     assert usable.all()
@@ -287,13 +287,13 @@ def test_compressor_takes_episodes_at_its_own_sampling_time():
 
 @pytest.mark.parametrize("Ts", [0.003, 0.016, 0.05, 0.0400001 * 2])
 def test_a_sampling_time_that_does_not_fit_is_refused(Ts):
-    with pytest.raises(ValueError, match=rf"Ts = {Ts:g} s does not divide .* 0\.04 s.*Resample"):
+    with pytest.raises(ValueError, match=rf"Ts = {Ts:g} s"):
         Armax()(U, np.ones_like(U), Ts)
 
 
 def test_a_recording_that_is_too_short_is_refused():
     u = U[:, :2399]  # 59 samples of 0.04 s, one fewer than ten a coefficient
-    with pytest.raises(ValueError, match="2399 samples of 0.001 s leave 59 .* 60 .*Record"):
+    with pytest.raises(ValueError, match="2399 samples"):
         Armax()(u, u, 0.001)
     noisy = u + 1e-3 * np.random.default_rng(0).standard_normal((2, 2400))[:, : u.shape[1]]
     assert Armax()(U[:, :2400], np.pad(noisy, ((0, 0), (0, 1))), 0.001)[0].shape == (2, 6)

@@ -1,4 +1,4 @@
-"""The same episodes for every tuner, and the CSV file of the results."""
+"""The same episodes to every tuner, and what is written about them."""
 
 import csv
 import dataclasses
@@ -6,178 +6,203 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from families import FAMILIES, observed, reference
+from families import tested as recordings
 
-import tuners
 from tuners.tuner.evaluation import columns, evaluate, write_csv
+from tuners.tuner.method import Gains
+from tuners.tuner.rivals import GrayBox, Nominal, Oracle
+from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.target import Target
-from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.plant.episodes import recorded
+from yawrate_env.plant.names import split
+from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
-PLANT = yaw_rate(Task())
-SHORT = yaw_rate(Task(experiment=Experiment(N=300)))
-HEADER = "tuner,episode,mu_s,M_delta,v_x,kp,Ti,phase_margin,crossover,stable,seconds"
+BRIEF = yaw_rate(Task(experiment=Experiment(Ts=0.01, N=200)))
+PRINTED = yaw_rate(Task(experiment=Experiment(Ts=0.01, N=200), target=Target(controller="printed")))
 
 
-def evaluated(names, plant=PLANT, name="test", episodes=5, seed=0, **settings):
-    chosen = names if isinstance(names, dict) else {n: tuners.load(n, None) for n in names}
-    return evaluate(chosen, plant, name, episodes=episodes, seed=seed, **settings)
+def evaluated(tuners, plant, name="test", episodes=5, seed=0, **settings):
+    return evaluate(tuners, plant, name, episodes=episodes, seed=seed, **settings)
 
 
-@pytest.fixture(scope="module")
-def found():
-    return evaluated(["ts-ff", "ts-gbm", "gb", "nominal", "oracle"])
-
-
-def table(path, evaluations):
-    write_csv(path / "rows.csv", evaluations)
-    with open(path / "rows.csv", newline="") as file:
+def table(path):
+    with open(path, newline="") as file:
         return list(csv.DictReader(file))
 
 
-def test_columns_are_the_agreed_ones(found, tmp_path):
-    rows = table(tmp_path, found)
-    lines = (tmp_path / "rows.csv").read_text().splitlines()
-    assert lines[0] == HEADER == ",".join(columns(PLANT)) and len(lines) == 1 + 5 * 5
+def test_rows_hold_the_numbers_to_twelve_digits(tuner, family, plant, tmp_path):
+    chosen = {"own": tuner, "nominal": reference(family, Nominal)}
+    found = evaluated(chosen, plant, episodes=3)
+    write_csv(tmp_path / "rows.csv", found)
+    rows = table(tmp_path / "rows.csv")
     assert [(r["tuner"], r["episode"]) for r in rows] == [
-        (e.tuner, str(k)) for e in found for k in range(5)
+        (name, str(k)) for name in chosen for k in range(3)
     ]
-    assert {r["stable"] for r in rows} == {"True"}
-
-
-def test_rows_hold_twelve_digits_and_the_margins_of_their_gains(found, tmp_path):
-    rows = table(tmp_path, found)
-    written = np.array([[float(value) for value in list(r.values())[2:9]] for r in rows])
-    exact = [np.concatenate([e.theta, e.gains, e.metrics], axis=1) for e in found]
-    np.testing.assert_allclose(written, np.concatenate(exact), rtol=1e-11)
-    values, _ = PLANT.evaluation(written[:, :3], written[:, 3:5])
-    np.testing.assert_allclose(written[:, 5:], values[:, :2], rtol=1e-9)
+    metrics = [split(name)[0] for name in plant.counted]
+    assert list(rows[0]) == list(columns(plant)) == [
+        "tuner", "episode", *plant.prior, *plant.gains, *metrics, "stable", "seconds",
+    ]  # fmt: skip
+    names = [*plant.prior, *plant.gains, *metrics]
+    written = np.array([[float(r[name]) for name in names] for r in rows])
+    numbers = np.concatenate([np.concatenate([e.theta, e.gains, e.metrics], 1) for e in found])
+    np.testing.assert_allclose(written, numbers, rtol=1e-11, atol=1e-15)
     assert all(float(r["seconds"]) > 0 for r in rows)
+    # The metrics are those of the written gains and plant.
+    theta, gains = written[:, : len(plant.prior)], written[:, len(plant.prior) :][:, :2]
+    np.testing.assert_allclose(
+        plant.metric_values(theta, gains), written[:, -len(metrics) :], rtol=1e-8, atol=1e-9
+    )
 
 
-def test_every_tuner_gets_the_same_episodes_whatever_the_others(found):
-    for one in found:
-        np.testing.assert_array_equal(one.theta, found[0].theta)
-    (alone,) = evaluated(["ts-ff"], episodes=3)
-    np.testing.assert_array_equal(alone.gains, found[0].gains[:3])
+def test_columns_of_a_vehicle_are_the_agreed_ones():
+    header = "tuner,episode,mu_s,M_delta,v_x,kp,Ti,phase_margin,crossover,stable,seconds"
+    assert ",".join(columns(BRIEF)) == header
 
 
-def test_seed_and_set_determine_the_episodes():
-    first, again, other, train, beyond = (
-        evaluated(["nominal"], SHORT, name, 50, seed, batch=50)[0].theta
-        for name, seed in (
-            ("test", 1), ("test", 1), ("test", 2), ("train", 1), ("extrapolation", 1)
-        )
-    )  # fmt: skip
+def test_evaluation_and_policy_give_the_same(tuner, plant, episodes):
+    (found,) = evaluated({"own": tuner}, plant, episodes=4, batch=4)
+    np.testing.assert_array_equal(found.theta, episodes.known[:4])
+    actions, _ = tuner.predict(observed(plant, episodes)[:4])
+    np.testing.assert_allclose(found.gains, actions, rtol=1e-9)
+    errors = found.metrics - plant.targets(found.theta)
+    np.testing.assert_allclose(errors, plant.errors(found.theta, actions), rtol=1e-6, atol=1e-9)
+
+
+def test_every_tuner_gets_the_same_episodes_whatever_the_company(tuner, family, plant):
+    chosen = {"nominal": reference(family, Nominal), "own": tuner}
+    together = evaluated(chosen, plant, episodes=3)
+    for one in together:
+        (alone,) = evaluated({one.tuner: chosen[one.tuner]}, plant, episodes=3)
+        np.testing.assert_array_equal(one.theta, together[0].theta)
+        np.testing.assert_array_equal(one.theta, alone.theta)
+        np.testing.assert_array_equal(one.gains, alone.gains)
+
+
+def test_seed_and_set_decide_the_episodes():
+    first, again, other, train = (
+        evaluated({"nominal": Tuner(BRIEF, Nominal())}, BRIEF, name, seed=seed)[0].theta
+        for name, seed in (("test", 1), ("test", 1), ("test", 2), ("train", 1))
+    )
     np.testing.assert_array_equal(first, again)
     assert not np.isin(first[:, 0], np.concatenate([other, train])[:, 0]).any()
-    assert ((beyond >= [1.1, 300.0, 20.0]) & (beyond <= [1.3, 500.0, 20.0])).all()
 
 
-@pytest.mark.parametrize("name", ["ts-ff", "ts-gbm", "gb", "nominal", "oracle"])
-def test_the_batch_size_changes_nothing_but_the_seconds(name):
-    single, *others = (evaluated([name], episodes=12, batch=batch)[0] for batch in (1, 5, 64))
+def test_the_batch_size_changes_nothing_but_the_seconds(tuner, family, plant):
+    chosen = {"own": tuner, "nominal": reference(family, Nominal)}
+    first, *others = (evaluated(chosen, plant, episodes=12, batch=b) for b in (1, 5, 64))
     for other in others:
-        # Matrix products of other sizes round otherwise.
-        np.testing.assert_allclose(other.gains, single.gains, rtol=1e-9)
-        np.testing.assert_allclose(other.metrics, single.metrics, rtol=1e-9)
-        np.testing.assert_array_equal(other.stable, single.stable)
+        for a, b in zip(first, other, strict=True):
+            # Matrix products of other sizes round otherwise.
+            np.testing.assert_allclose(a.gains, b.gains, rtol=1e-9)
+            np.testing.assert_array_equal(a.stable, b.stable)
 
 
 def test_blocks_join_seamlessly():
-    small, large = (
-        evaluated(["nominal"], SHORT, episodes=300, batch=b)[0] for b in (100, 300)
-    )  # fmt: skip
+    tuner = {"nominal": Tuner(BRIEF, Nominal())}
+    small, large = (evaluated(tuner, BRIEF, episodes=300, batch=b)[0] for b in (100, 300))
     assert len(small.gains) == 300
     for name in ("theta", "gains", "metrics", "stable"):
         np.testing.assert_array_equal(getattr(small, name), getattr(large, name))
+    few = evaluated(tuner, BRIEF, episodes=3)[0]
+    np.testing.assert_array_equal(few.theta, large.theta[:3])
 
 
-@pytest.mark.parametrize(
-    "task",
-    [
-        Task(experiment=Experiment(N=300)),
-        Task(prior=Prior(v_x=(10.0, 30.0)), experiment=Experiment(N=300, register="random")),
-        Task(target=Target(phase_margin=75.0, crossover=1.2), experiment=Experiment(N=300)),
-    ],
-    ids=["default", "speeds", "target"],
-)
-def test_the_oracle_makes_no_error(task):
-    plant = yaw_rate(task)
-    (found,) = evaluated({"": tuners.load("oracle", plant)}, plant, episodes=50, batch=50)
+def test_the_oracle_makes_no_error(family, plant):
+    (found,) = evaluated({"oracle": reference(family, Oracle)}, plant, episodes=50, batch=50)
     # The design rule is exact; crossings are bisected to machine precision.
-    np.testing.assert_allclose(found.metrics, np.tile(plant.target, (50, 1)), rtol=1e-9)
+    np.testing.assert_allclose(found.metrics, plant.targets(found.theta), rtol=1e-9, atol=1e-12)
     assert found.stable.all()
 
 
-def test_speeds_reach_the_tuners():
-    plant = yaw_rate(Task(prior=Prior(v_x=(10.0, 30.0))))
-    (found,) = evaluated({"gb": tuners.load("gb", plant)}, plant, episodes=6)
+def test_extrapolation_lies_outside_the_prior():
+    oracle = {"oracle": Tuner(BRIEF, Oracle())}
+    (found,) = evaluated(oracle, BRIEF, "extrapolation", episodes=100, batch=100)
+    for values, low, high in ((found.theta[:, 0], 1.1, 1.3), (found.theta[:, 1], 300, 500)):
+        assert low <= values.min() < low + 0.1 * (high - low)
+        assert high - 0.1 * (high - low) < values.max() <= high
+    np.testing.assert_array_equal(found.theta[:, 2], 20.0)
+
+
+def test_measured_parameters_reach_the_tuners():
+    name = "vehicle of any speed"
+    (found,) = evaluated({"gb": reference(name, GrayBox)}, FAMILIES[name], episodes=6)
     assert np.ptp(found.theta[:, 2]) > 3
     # Ten standard deviations of the slippery and slow.
-    np.testing.assert_allclose(found.metrics[:, 0], 60, atol=0.2)
+    np.testing.assert_allclose(found.metrics[:, 0], 60, atol=0.6)
 
 
 class Reckless:
-    """Far too much gain for every second vehicle, nearly none for the others."""
+    """Far too much gain for every second vehicle, hardly any for the others."""
 
-    def act(self, recording):
+    kind, needs_excitation, any_measured, any_experiment = "reckless", False, False, True
+
+    def gains(self, plant, recording):
         kp = np.where(np.arange(len(recording)) % 2 == 0, 10.0, 1e-3)
-        return np.stack([kp, np.full(len(kp), 100.0)], axis=1)
+        everyone = np.ones(len(kp), dtype=bool)
+        return Gains.of(np.stack([kp, np.full(len(kp), 100.0)], axis=1), everyone, everyone)
 
 
-def test_unstable_loops_and_missing_margins_are_written_as_they_are(tmp_path):
-    printed = Task(experiment=Experiment(N=300), target=Target(controller="printed"))
+def test_unstable_loops_and_undefined_metrics_are_written_as_they_are(tmp_path):
     # The printed controller has no integrator: with little gain there is no crossover.
-    rows = table(tmp_path, evaluated({"": Reckless()}, yaw_rate(printed), episodes=4, batch=4))
+    found = evaluated({"reckless": Tuner(PRINTED, Reckless())}, PRINTED, episodes=4, batch=4)
+    write_csv(tmp_path / "rows.csv", found)
+    rows = table(tmp_path / "rows.csv")
     assert [r["kp"] for r in rows] == ["10", "0.001"] * 2
-    assert [r["phase_margin"] == "nan" for r in rows] == [False, True] * 2
-    assert [r["crossover"] == "nan" for r in rows] == [False, True] * 2
+    for name in ("phase_margin", "crossover"):
+        assert [r[name] == "nan" for r in rows] == [False, True] * 2
     assert [r["stable"] for r in rows][1::2] == ["True"] * 2
-    (pi,) = evaluated({"": Reckless()}, SHORT, episodes=2, batch=2)
-    assert not pi.stable[0] and np.isfinite(pi.metrics[0]).all()
+    pi = evaluated({"reckless": Tuner(BRIEF, Reckless())}, BRIEF, episodes=2, batch=2)
+    assert not pi[0].stable[0] and np.isfinite(pi[0].metrics[0, 0])
 
 
-def test_a_file_that_cannot_be_written_leaves_nothing(found, tmp_path):
+def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path):
+    found = evaluated({"nominal": Tuner(BRIEF, Nominal())}, BRIEF, episodes=1)
     with pytest.raises(OSError):
         write_csv(tmp_path / "absent" / "rows.csv", found)
-    broken = dataclasses.replace(found[0], seconds=np.array([None] * 5))
+    broken = dataclasses.replace(found[0], seconds=np.array([None]))
     with pytest.raises(TypeError):
         write_csv(tmp_path / "rows.csv", [broken])
     assert list(tmp_path.iterdir()) == []
 
 
 def test_progress_is_reported_to_the_end():
-    calls = []
-    evaluated(["nominal", "oracle"], SHORT, episodes=300, batch=300,
+    calls, chosen = [], {"a": Tuner(BRIEF, Nominal()), "b": Tuner(BRIEF, Oracle())}
+    evaluated(chosen, BRIEF, episodes=300, batch=300,
               progress=lambda done, of: calls.append((done, of)))  # fmt: skip
     assert [of for _, of in calls] == [600] * len(calls)
     done = [d for d, _ in calls]
     assert done == sorted(done) and done[-1] == 600
 
 
-@pytest.mark.parametrize("wrong", [{"episodes": 0}, {"seed": -1}, {"batch": 0}, {"batch": 1.5}])
-def test_wrong_numbers_are_refused(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        evaluated(["nominal"], SHORT, **wrong)
-
-
-def test_an_unknown_set_is_refused():
-    with pytest.raises(ValueError, match="moon"):
-        evaluated(["nominal"], SHORT, "moon")
+@pytest.mark.parametrize(
+    "wrong", [{"episodes": 0}, {"seed": -1}, {"batch": 0}, {"batch": 1.5}, {"name": "tset"}]
+)
+def test_wrong_arguments_are_refused(wrong):
+    name = "set of episodes = 'tset'" if "name" in wrong else next(iter(wrong))
+    with pytest.raises(ValueError, match=name):
+        evaluated({"nominal": Tuner(BRIEF, Nominal())}, BRIEF, **wrong)
 
 
 def test_seconds_are_an_episodes_share_of_its_batch(monkeypatch):
     clock = SimpleNamespace(now=0.0)
     clock.perf_counter = lambda: clock.now
 
-    class Slow(Reckless):
-        def act(self, recording):
+    class Slow(Nominal):
+        def gains(self, plant, recording):
             clock.now += 6.0
-            return super().act(recording)
+            return super().gains(plant, recording)
 
     monkeypatch.setattr("tuners.tuner.evaluation.time", clock)
-    single, batch = (
-        evaluated({"": Slow()}, SHORT, episodes=4, batch=b)[0].seconds.tolist() for b in (1, 3)
-    )  # fmt: skip
-    assert single == [6.0] * 4 and batch == [2.0] * 3 + [6.0]
+    slow = {"slow": Tuner(BRIEF, Slow())}
+    (single,) = evaluated(slow, BRIEF, episodes=4)
+    (batch,) = evaluated(slow, BRIEF, episodes=4, batch=3)
+    assert single.seconds.tolist() == [6.0] * 4
+    assert batch.seconds.tolist() == [2.0] * 3 + [6.0]
     assert clock.now == 6.0 * (1 + 4 + 1 + 2)  # once more each, before the clock runs
+
+
+def test_the_test_set_is_that_of_the_episodes(plant, family):
+    block = recorded(plant, "test", 0, 3)
+    np.testing.assert_array_equal(block.y, recordings(family).y[:3])

@@ -129,6 +129,6 @@ def test_useless_episodes_are_not_usable(inputs):
 
 
 def test_a_recording_that_is_too_short_is_refused():
-    with pytest.raises(ValueError, match="99 samples .* 10 Laguerre .* 100 .*Record"):
+    with pytest.raises(ValueError, match="99 samples"):
         Laguerre()(U[:, :99], NOISE[:, :99], TS)
     assert Laguerre()(U[:, :100], NOISE[:, :100], TS)[0].shape == (3, 10)

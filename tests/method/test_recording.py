@@ -1,104 +1,118 @@
 """Recordings from arrays and from observations, and what is refused."""
 
-import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from families import FAMILIES, SHORT, observed, one
 from hypothesis import given
 from hypothesis import strategies as st
-from recordings import observations, recorded
 
 from tuners.tuner.recording import Recording
-from yawrate_env.vehicle.task import Experiment
+from yawrate_env.plant.episodes import recorded
+from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
+CARS, LAG = FAMILIES["vehicle of any speed"], FAMILIES["lag"]
 GOOD = np.zeros(5)
 
 
 def test_one_episode_from_arrays():
-    recording = Recording.of([1, 2, 3], (4.0, 5.0, 6.0), 0.01, v_x=[19.0, 20.0, 21.0])
+    recording = Recording.of(CARS, [1, 2, 3], (4.0, 5.0, 6.0), 0.02, {"v_x": [19.0, 20.0, 21.0]})
     np.testing.assert_array_equal(recording.u, [[1.0, 2.0, 3.0]])
     np.testing.assert_array_equal(recording.y, [[4.0, 5.0, 6.0]])
     assert recording.u.dtype == recording.y.dtype == np.float64
-    assert recording.Ts == 0.01 and recording.v_x == 20.0 and recording.context is None
-    assert len(recording) == 1
-    assert Recording.of([1, 2], [3, 4], 0.01).v_x is None
+    assert recording.Ts == 0.02 and len(recording) == 1
+    np.testing.assert_array_equal(recording.known, [[np.nan, np.nan, 20.0]])
+    assert recording.variation == pytest.approx(0.1)
+    plain = Recording.of(CARS, [1, 2], [3, 4])
+    assert plain.known is None and plain.Ts == CARS.Ts and plain.variation == 0
 
 
 @pytest.mark.parametrize(
-    "arguments, message",
+    "u, y, Ts, measured, named",
     [
-        ((np.zeros(4), GOOD, 0.001), "u has 4 samples and y has 5. Cut"),
-        (([], [], 0.001), "number of samples = 0 .* at least 2.* Record more"),
-        ((GOOD[None], GOOD, 0.001), r"u has shape \(1, 5\), wanted \(any\)"),
-        ((GOOD, GOOD[:, None], 0.001), r"y has shape \(5, 1\)"),
-        ((GOOD, [0, 0, np.nan, 0, 0], 0.001), "y has nan at flat index 2"),
-        (([0, np.inf, 0, 0, 0], GOOD, 0.001), "u has inf at flat index 1"),
-        (("text", GOOD, 0.001), "u is not an array of numbers"),
-        ((GOOD, GOOD, 0.0), "Ts = 0 must be finite, above 0.* seconds"),
-        ((GOOD, GOOD, "fast"), "Ts = 'fast' is not a number"),
-        ((GOOD, GOOD, 0.001, -20.0), "v_x = -20 must be finite, above 0.* m/s"),
-        ((GOOD, GOOD, 0.001, np.nan), "v_x has nan"),
+        (np.zeros(4), GOOD, 0.001, {}, "u has 4 samples and y has 5"),
+        ([], [], 0.001, {}, "number of samples"),
+        (GOOD[None], GOOD, 0.001, {}, "u has shape"),
+        (GOOD, GOOD[:, None], 0.001, {}, "y has shape"),
+        (GOOD, [0, 0, np.nan, 0, 0], 0.001, {}, "y has nan at flat index 2"),
+        ([0, np.inf, 0, 0, 0], GOOD, 0.001, {}, "u has inf at flat index 1"),
+        ("text", GOOD, 0.001, {}, "u is not"),
+        (GOOD, GOOD, 0.0, {}, "Ts = 0"),
+        (GOOD, GOOD, "fast", {}, "Ts = 'fast'"),
+        (GOOD, GOOD, 0.001, {"v_x": -20.0}, "v_x = -20"),
+        (GOOD, GOOD, 0.001, {"v_x": np.nan}, "v_x has nan"),
+        (GOOD, GOOD, 0.001, {"v_x": [1.0, 2.0]}, "v_x has 2 values for 5 samples"),
+        (GOOD, GOOD, 0.001, {"mu_s": 1.0}, "'mu_s'"),
     ],
 )
-def test_arrays_that_cannot_be_used_are_refused(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        Recording.of(*arguments)
+def test_arrays_that_cannot_be_used_are_refused(u, y, Ts, measured, named):
+    with pytest.raises(ValueError, match=named):
+        Recording.of(CARS, u, y, Ts, measured)
 
 
-@pytest.mark.parametrize("rows", [2, 3, 5])
-def test_observations_show_as_much_as_they_have_rows(rows):
-    obs = np.arange(3 * rows * 4, dtype=np.float32).reshape(3, rows, 4) + 1
-    recording, single = Recording.of_observations(obs, 0.001)
+def test_observations_show_as_much_as_they_have_rows(plant, episodes):
+    blind = observed(plant, episodes)[:3]
+    recording, single = Recording.of_observations(plant, blind)
     assert not single and len(recording) == 3
-    np.testing.assert_array_equal(recording.u, obs[:, 0])
-    np.testing.assert_array_equal(recording.y, obs[:, 1])
-    assert (recording.v_x is None) == (rows == 2) and (recording.context is None) == (rows < 5)
-    if rows > 2:
-        np.testing.assert_array_equal(recording.v_x, obs[:, 2, 0])
-    if rows == 5:
-        assert recording.context is not None
-        np.testing.assert_array_equal(recording.context.mu_s, obs[:, 3, 0])
-        np.testing.assert_array_equal(recording.context.M_delta, obs[:, 4, 0])
-
-
-def test_a_single_observation_is_a_batch_of_one():
-    obs = observations(recorded(3))
-    one, single = Recording.of_observations(obs[1], 0.001)
-    assert single and len(one) == 1
-    np.testing.assert_array_equal(one.y[0], obs[1, 1])
+    np.testing.assert_array_equal(np.broadcast_to(recording.u, blind[:, 0].shape), blind[:, 0])
+    np.testing.assert_array_equal(recording.y, blind[:, 1])
+    measured = plant.indices(plant.measured_names)
+    if measured:
+        np.testing.assert_array_equal(recording.known[:, measured], episodes.known[:3, measured])
+        assert np.isnan(recording.known[:, plant.unknown]).all()
+    else:
+        assert recording.known is None
+    names = [n for n in plant.prior if n in plant.measured]
+    names += [n for n in plant.prior if n not in plant.measured]
+    truth = episodes.known[:3, plant.indices(names), None] + np.zeros((1, 1, len(plant.u)))
+    seeing, _ = Recording.of_observations(plant, np.concatenate([blind[:, :2], truth], axis=1))
+    np.testing.assert_array_equal(seeing.known, episodes.known[:3])
+    alone, single = Recording.of_observations(plant, blind[1])
+    assert single and len(alone) == 1
+    np.testing.assert_array_equal(alone.y[0], blind[1, 1])
 
 
 @pytest.mark.parametrize("register, inputs", [("same", 1), ("random", 3)])
-def test_equal_commands_are_kept_once(register, inputs):
-    obs = observations(recorded(3, Experiment(register=register)))
-    recording, _ = Recording.of_observations(obs, 0.001)
+def test_equal_inputs_are_kept_once(register, inputs):
+    plant = yaw_rate(Task(experiment=replace(SHORT, register=register)))
+    block = recorded(plant, "test", 0, 3)
+    obs = observed(plant, Recording(block.u, block.y, plant.Ts, block.theta))
+    recording, _ = Recording.of_observations(plant, obs)
     assert len(recording.u) == inputs
-    np.testing.assert_array_equal(np.broadcast_to(recording.u, recording.y.shape), obs[:, 0])
+    np.testing.assert_array_equal(recording.u, block.u)
 
 
 @given(shape=st.lists(st.integers(0, 6), max_size=4))
 def test_observations_of_other_shapes_are_refused(shape):
-    fits = len(shape) in (2, 3) and shape[-2] in (2, 3, 5)
-    if not fits:
-        with pytest.raises(ValueError, match=re.escape(f"obs has shape {tuple(shape)}, wanted")):
-            Recording.of_observations(np.zeros(shape), 0.001)
+    with pytest.raises(ValueError, match="obs has shape|obs has [0-9]+ samples"):
+        Recording.of_observations(CARS, np.zeros(shape))
 
 
 def test_observations_that_are_not_finite_are_refused():
-    obs = observations(recorded(2))
+    obs = np.zeros((2, 2, 500))
     obs[1, 1, 3] = np.nan
-    with pytest.raises(ValueError, match="obs has nan at flat index 30003"):
-        Recording.of_observations(obs, 0.001)
+    with pytest.raises(ValueError, match="obs has nan at flat index 1503"):
+        Recording.of_observations(LAG, obs)
 
 
-@pytest.mark.parametrize("register", ["same", "random"])
-def test_parts_keep_what_belongs_to_them(register):
-    whole = recorded(3, Experiment(register=register))
-    part = whole.part(slice(1, 3))
-    assert len(part) == 2 and part.Ts == whole.Ts
-    np.testing.assert_array_equal(part.u, whole.u if register == "same" else whole.u[1:])
-    np.testing.assert_array_equal(part.y, whole.y[1:])
-    assert whole.v_x is not None and whole.context is not None and part.context is not None
-    np.testing.assert_array_equal(part.v_x, whole.v_x[1:])
-    np.testing.assert_array_equal(part.context.mu_s, whole.context.mu_s[1:])
-    assert Recording(whole.u, whole.y, whole.Ts).part(slice(0, 1)).context is None
+def test_parts_keep_what_belongs_to_them(plant, episodes):
+    part = episodes.part(slice(1, 3))
+    assert len(part) == 2 and part.Ts == episodes.Ts
+    np.testing.assert_array_equal(part.u, episodes.u)
+    np.testing.assert_array_equal(part.y, episodes.y[1:3])
+    np.testing.assert_array_equal(part.known, episodes.known[1:3])
+    own = Recording(np.repeat(episodes.u, len(episodes), axis=0), episodes.y, episodes.Ts)
+    assert own.part(slice(0, 2)).known is None and len(own.part(slice(0, 2)).u) == 2
+
+
+def test_what_a_recording_does_not_tell_is_in_mid_prior(plant, episodes):
+    theta = episodes.parameters(plant)
+    np.testing.assert_array_equal(
+        theta[:, plant.unknown], plant.middle[:, plant.unknown].repeat(len(theta), 0)
+    )
+    np.testing.assert_array_equal(theta[:, plant.known], episodes.known[:, plant.known])
+    given = one(plant, episodes, 2)
+    single = Recording.of(plant, given["u"], given["y"], given["Ts"], given["measured"])
+    np.testing.assert_array_equal(single.parameters(plant)[0], theta[2])

@@ -1,12 +1,10 @@
-"""The compressor that shows a recording's frequency response."""
+"""Features that are a recording's frequency response."""
 
 import numpy as np
-import pytest
-from recordings import recorded
+from recordings import recorded, vehicles
 
 from tuners.features.laguerre import Laguerre
 from tuners.features.response import FrequencyResponse
-from tuners.tuner.recording import Recording
 from yawrate_env.loop.margins import TransferFunction
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.vehicle.episode import plants
@@ -25,12 +23,12 @@ def test_laguerre_functions_by_their_impulse_response():
 
 def test_features_are_the_plants_log_magnitude_and_phase():
     recording = recorded(6)
-    vehicles = plants(Task().vehicle, recording.context, 0.001)
-    clean = simulate(vehicles, recording.u)
+    cars = plants(Task().vehicle, vehicles(recording), 0.001)
+    clean = simulate(cars, recording.u)
     stage = FrequencyResponse(order=20, pole=12.0)
     features, usable = stage(recording.u, clean, 0.001)
     omega = 2 * np.pi * np.geomspace(stage.low, stage.high, stage.points)
-    G = TransferFunction.of(vehicles)(omega)
+    G = TransferFunction.of(cars)(omega)
     assert usable.all() and features.shape == (6, 12)
     # Twenty functions leave out less than -70 dB of these vehicles.
     np.testing.assert_allclose(features[:, :6], np.log(np.abs(G)), atol=2e-3)
@@ -40,12 +38,3 @@ def test_features_are_the_plants_log_magnitude_and_phase():
 def test_a_silent_command_has_no_usable_features():
     features, usable = FrequencyResponse()(np.zeros((1, 1000)), np.ones((2, 1000)), 0.001)
     assert not usable.any() and features.shape == (2, 12)
-
-
-def test_the_tuner_for_every_speed_needs_one():
-    import tuners
-
-    tuner = tuners.load("ts-ff-lag-vx")
-    one = recorded(1)
-    with pytest.raises(ValueError, match="v_x is needed: this tuner covers 10 to 33 m/s"):
-        tuner.gains(Recording(one.u, one.y, one.Ts))

@@ -1,100 +1,134 @@
 """Starts in mid-drive and offsets: found where they are, not found where they are not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from recordings import recorded
+from families import FAMILIES, LINEAR, trained
+from families import tested as recordings
+from first_order import CROSSOVER, TS, described
+from recordings import recorded as drives
 
 from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import black_box, free_responses
 from tuners.tuner.recording import Recording
-from yawrate_env.loop.simulation import simulate
-from yawrate_env.vehicle.episode import plants
+from tuners.tuner.tuner import Tuner
+from yawrate_env.plant.episodes import recorded
+from yawrate_env.signals.excitation import prbs
 from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.yaw_rate import BLACK_BOX, yaw_rate
 
-REST = recorded(8)
+FUNCTIONS = Laguerre(*BLACK_BOX)
+LONG = prbs(3000, TS, 0.5, 1.0)[0]  # a minute
 
 
-def modelled(recording, start):
-    plant = yaw_rate(Task())
-    return black_box(plant, BLACK_BOX, recording.u, recording.y, start, recording.oversampled)
+@pytest.fixture(params=LINEAR)
+def family(request):
+    return request.param
 
 
-def middle(recording, first, offset):
-    return Recording(
-        recording.u[:, first:], recording.y[:, first:] + offset, recording.Ts, recording.v_x
-    )
+def modelled(family, recording, start):
+    plant = FAMILIES[family]
+    functions = trained(family).black_box
+    return black_box(plant, functions, recording.u, recording.y, start, recording.oversampled)
+
+
+def cut(recording, first, offset):
+    return replace(recording, u=recording.u[:, first:], y=recording.y[:, first:] + offset)
 
 
 def test_free_responses_are_orthonormal_and_hold_the_decays_and_a_constant():
-    Z, constant = free_responses(BLACK_BOX, 5000, 0.001)
-    np.testing.assert_allclose(Z @ Z.T, np.eye(BLACK_BOX.order + 1), atol=1e-10)
-    decay = np.exp(-BLACK_BOX.pole * 0.001 * np.arange(5000))
+    Z, constant = free_responses(FUNCTIONS, 5000, 0.001)
+    np.testing.assert_allclose(Z @ Z.T, np.eye(FUNCTIONS.order + 1), atol=1e-10)
+    decay = np.exp(-FUNCTIONS.pole * 0.001 * np.arange(5000))
     for signal in (decay, np.arange(5000) * decay, np.ones(5000)):
         np.testing.assert_allclose(Z.T @ (Z @ signal), signal, atol=1e-8 * np.abs(signal).max())
     # A constant's coefficient on the last signal times `constant` is the constant itself.
     assert (Z @ np.full(5000, 0.3))[-1] * constant == pytest.approx(0.3, rel=1e-9)
 
 
-def test_episodes_from_rest_are_left_alone():
-    model = modelled(REST, "auto")
-    assert not model.unknown.any()
-    np.testing.assert_array_equal(model.y, REST.y)
-    assert (model.offset == 0).all() and (model.free == 0).all()
+def test_recordings_from_rest_are_left_alone(family):
+    rest = recordings(family)
+    model = modelled(family, rest, "auto")
+    assert model.unknown.mean() < 0.05
+    alone = ~model.unknown
+    np.testing.assert_array_equal(model.y[alone], rest.y[alone])
+    assert (model.offset[alone] == 0).all() and (model.free[alone] == 0).all()
 
 
 @pytest.mark.parametrize("register", ["same", "random"])
 def test_a_start_in_mid_drive_is_found_and_taken_out(register):
-    task = Task(experiment=Experiment(register=register))
-    whole = recorded(6, task.experiment)
-    cut = middle(whole, 3000, 0.02)
-    model = modelled(cut, "auto")
+    plant = yaw_rate(Task(experiment=Experiment(register=register)))
+    block = recorded(plant, "test", 0, 6)
+    u, y = block.u[:, 3000:], block.y[:, 3000:] + 0.02
+    model = black_box(plant, FUNCTIONS, u, y, "auto")
     assert model.unknown.all()
     np.testing.assert_allclose(model.offset, 0.02, atol=5e-4)
     # What is left is the response from rest to the commands of the rest of the episode.
-    clean = simulate(plants(task.vehicle, whole.context, 0.001), cut.u)
-    noise = np.sqrt(model.residual / cut.y.shape[1])
+    clean = plant.respond(block.theta, u)
+    noise = np.sqrt(model.residual / y.shape[1])
     error = np.sqrt(((model.y - clean) ** 2).mean(axis=1))
     np.testing.assert_allclose(error, noise, rtol=0.15)
 
 
-def test_offsets_of_the_command_end_up_in_the_constant():
-    biased = Recording(REST.u + 0.005, REST.y, REST.Ts, REST.v_x)
-    model = modelled(biased, "auto")
-    gain = simulate(plants(Task().vehicle, REST.context, 0.001), np.ones(10_000))[:, -1]
-    np.testing.assert_allclose(model.offset, -0.005 * gain, rtol=0.05)
+def test_offsets_of_the_input_end_up_in_the_constant():
+    plant, rest = FAMILIES["vehicle"], recordings("vehicle")
+    biased = replace(rest, u=rest.u + 0.005)
+    model = modelled("vehicle", biased, "auto")
+    gain = plant.respond(rest.known, np.ones((1, 1000)))[:, -1]
+    np.testing.assert_allclose(model.offset, -0.005 * gain, rtol=0.1)
 
 
 def test_features_do_not_notice_what_was_taken_out():
-    stage = Laguerre(8, 12.0)
-    plain, _ = stage(REST.u, REST.y, 0.001)
-    biased = modelled(Recording(REST.u, REST.y + 0.05, 0.001, REST.v_x), "unknown")
-    found, _ = stage(biased.u, biased.y, 0.001)
-    assert np.abs(found - plain).max() < 0.02 * np.abs(plain).max()
+    rest, stage = recordings("vehicle"), Laguerre(8, 12.0)
+    plain, _ = stage(rest.u, rest.y, rest.Ts)
+    biased = modelled("vehicle", replace(rest, y=rest.y + 0.05), "unknown")
+    found, _ = stage(biased.u, biased.y, rest.Ts)
+    assert np.abs(found - plain).max() < 0.04 * np.abs(plain).max()
 
 
-def test_both_ways_to_the_normal_equations_give_one_answer():
-    own = Recording(np.repeat(REST.u, 8, axis=0), REST.y, REST.Ts, REST.v_x)
-    for start in ("rest", "unknown"):
-        one, other = modelled(REST, start), modelled(own, start)
-        np.testing.assert_allclose(one.coefficients, other.coefficients, rtol=1e-5, atol=1e-8)
-        np.testing.assert_allclose(one.residual, other.residual, rtol=1e-8)
+@pytest.mark.parametrize("start", ["rest", "unknown"])
+def test_both_ways_to_the_normal_equations_give_one_answer(start):
+    rest = recordings("vehicle")
+    own = replace(rest, u=np.repeat(rest.u, len(rest), axis=0))
+    one, other = modelled("vehicle", rest, start), modelled("vehicle", own, start)
+    np.testing.assert_allclose(one.coefficients, other.coefficients, rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose(one.residual, other.residual, rtol=1e-8)
 
 
-def test_bad_input_is_refused():
-    with pytest.raises(ValueError, match="start = 'moving' is unknown. Choose one of auto, rest"):
-        modelled(REST, "moving")
-    with pytest.raises(ValueError, match="150 samples are too few, at least 200"):
-        modelled(middle(REST, 9850, 0.0), "auto")
+def test_bad_input_is_refused(family):
+    rest = recordings(family)
+    with pytest.raises(ValueError, match="start = 'moving'"):
+        modelled(family, rest, "moving")
+    with pytest.raises(ValueError, match="samples are too few"):
+        modelled(family, replace(rest, u=rest.u[:, :90], y=rest.y[:, :90]), "auto")
 
 
-def test_resampling_keeps_commands_and_follows_the_yaw_rate():
-    whole = recorded(4)
-    clean = simulate(plants(Task().vehicle, whole.context, 0.001), whole.u)
-    coarse = Recording(whole.u[:, ::10], clean[:, ::10], 0.01, whole.v_x)
-    fine = coarse.resampled(0.001)
-    assert fine.Ts == 0.001 and fine.oversampled == pytest.approx(10) and fine.y.shape == (4, 9991)
-    np.testing.assert_array_equal(fine.u, whole.u[:, :9991])
-    error = np.sqrt(((fine.y - clean[:, :9991]) ** 2).mean()) / np.sqrt((clean**2).mean())
+def test_resampling_keeps_inputs_and_follows_the_output():
+    plant = yaw_rate(Task())
+    rest = drives(4)
+    clean = plant.respond(rest.known, rest.u)
+    coarse = replace(rest, u=rest.u[:, ::10], y=clean[:, ::10], Ts=10 * rest.Ts)
+    fine = coarse.resampled(rest.Ts)
+    N = fine.y.shape[1]
+    assert fine.Ts == rest.Ts and fine.oversampled == pytest.approx(10) and N == 9991
+    np.testing.assert_array_equal(fine.u, rest.u[:, :N])
+    error = np.sqrt(((fine.y - clean[:, :N]) ** 2).mean()) / np.sqrt((clean**2).mean())
     assert error < 2e-4
-    assert coarse.resampled(0.01) is coarse
+    assert coarse.resampled(10 * rest.Ts) is coarse
+
+
+def test_tuners_of_linear_plants_find_the_start_and_others_are_told_of_it():
+    plant = described(linear=True, crossover=CROSSOVER, u=LONG)
+    block, tuner = recorded(plant, "test", 0, 16), Tuner(plant, trained("lag").method)
+    moving = Recording(block.u[:, 150:], block.y[:, 150:] + 0.3, TS)
+    right = plant.oracle(block.theta)
+    gains, found = tuner.assess(moving)
+    assert found.model.unknown.all() and found.trusted.mean() > 0.9
+    assert np.abs(gains.values / right - 1).max() < 0.15
+    np.testing.assert_allclose(found.model.offset, 0.3, atol=0.02)
+    blind = Tuner(described(crossover=CROSSOVER, u=LONG), tuner.method)
+    assert not blind.assess(moving)[1].trusted.any()
+    assert blind.assess(moving, start="unknown")[1].trusted.mean() > 0.9
+    found = tuner.assess(Recording(block.u, block.y, TS))[1]
+    assert not found.model.unknown.any() and found.trusted.all()

@@ -1,204 +1,316 @@
-"""Data sets and training: the same for everyone, and refused where they cannot work."""
+"""Examples and training: the same for everyone, and refused where they cannot work."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from families import FAMILIES, VEHICLE
+from first_order import TS, by_one, described, design, simulate
+from first_order import plant as lag
 
 import tuners
 from tuners.catalogue import RECIPES
 from tuners.features.armax import Armax
+from tuners.features.laguerre import Laguerre
+from tuners.features.regularised import Regularised
+from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
-from tuners.tuner.stages import Recipe
+from tuners.learners.trend import TrendSettings
+from tuners.trust.black_box import suited
+from tuners.trust.bound import cramer_rao
+from tuners.tuner.examples import examples
+from tuners.tuner.recording import Recording
+from tuners.tuner.stages import Recipe, coordinates_of
+from tuners.tuner.training import features_by_name, recipe_for
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.episodes import examples
-from yawrate_env.plant.parametrisation import loop
-from yawrate_env.vehicle.contexts import CONTEXT_SETS
-from yawrate_env.vehicle.episode import loops, record
-from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.plant.episodes import episodes, recorded, sample
+from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 torch.set_num_threads(1)
 
-TRAIN = CONTEXT_SETS["train"]
+PLANT, ARMAX = FAMILIES["vehicle"], Armax()
+NETWORK = FeedForwardSettings(epochs=15)
 # The paper's leaves of 25 vehicles would leave 48 of them in one.
-QUICK = {
-    "ts-ff": FeedForwardSettings(epochs=15),
-    "ts-gbm": GBMSettings(n_estimators=20, min_child_weight=5.0),
-}
-
-
-@pytest.fixture(autouse=True)
-def quick_recipes(monkeypatch):
-    for name, recipe in RECIPES.items():
-        learner = QUICK["ts-ff" if "ff" in name else "ts-gbm"]
-        quick = dataclasses.replace(recipe, learner=learner, noise_draws=min(recipe.noise_draws, 2))
-        monkeypatch.setitem(RECIPES, name, quick)
+TREES = GBMSettings(n_estimators=20, min_child_weight=5.0)
+QUICK = Recipe(Laguerre(8, 12.0), NETWORK)
 
 
 @pytest.fixture(scope="module")
 def data():
-    return examples(yaw_rate(Task()), 60, 0, Armax())
+    return examples(PLANT, 60, 0, ARMAX)
 
 
-def test_a_data_set_is_features_of_the_episodes_and_gains_of_the_rule(data):
-    draw = TRAIN.draw(Prior(), 0, 0, 60)
-    u, y = record(Task(), draw)
-    features, usable = Armax()(u, np.asarray(y), 0.001)
-    oracle = loops(Task(), draw.context).design()
+def test_examples_are_features_of_the_episodes_and_gains_of_the_rule(data):
+    block = recorded(PLANT, "train", 0, 128)
+    features, usable = ARMAX(block.u, block.y, PLANT.Ts)
     assert len(data) == 60
-    np.testing.assert_array_equal(data.features, features)
-    np.testing.assert_array_equal(data.usable, usable)
-    np.testing.assert_array_equal(data.theta[:, 0], draw.context.mu_s)
-    np.testing.assert_array_equal(data.gains, np.transpose([oracle.kp, oracle.Ti]))
-    assert data.targets(loop(Target())).shape == (60, 2)
+    np.testing.assert_array_equal(data.features, features[:60])
+    np.testing.assert_array_equal(data.usable, usable[:60])
+    np.testing.assert_array_equal(data.theta, block.theta[:60])
+    np.testing.assert_array_equal(data.gains, PLANT.oracle(block.theta[:60]))
+    np.testing.assert_array_equal(data.targets(coordinates_of(PLANT, "gains")), data.gains)
+    coordinates = coordinates_of(PLANT, "plant")
+    np.testing.assert_array_equal(data.targets(coordinates), coordinates.encode(data.gains))
 
 
-def test_chunks_and_sizes_do_not_matter(data):
-    more = examples(yaw_rate(Task()), 270, 0, Armax())  # 128 at a time
+def test_measured_parameters_are_features():
+    plant = FAMILIES["vehicle of any speed"]
+    found = examples(plant, 10, 0, ARMAX)
+    expected = plant.measured_features(found.theta)
+    assert expected.shape == (10, 1)
+    np.testing.assert_array_equal(found.features[:, 6:], expected)
+
+
+def test_blocks_and_sizes_do_not_matter(data):
+    more = examples(PLANT, 270, 0, ARMAX)  # 128 at a time
     np.testing.assert_array_equal(more.features[:60], data.features)
-    again = examples(yaw_rate(Task()), 14, 0, Armax())
+    np.testing.assert_array_equal(more.number, np.arange(270))
+    again = examples(PLANT, 14, 0, ARMAX)
     np.testing.assert_array_equal(more.features[:14], again.features)
-    draw = TRAIN.draw(Prior(), 0, 256, 14)
-    np.testing.assert_array_equal(more.theta[256:, 0], draw.context.mu_s)
 
 
-def test_noise_draws_repeat_the_vehicles_with_fresh_noise(data):
-    twice = examples(yaw_rate(Task()), 60, 0, Armax(), noise_draws=2)
+def test_noise_draws_repeat_the_plants_with_fresh_noise(data):
+    twice = examples(PLANT, 60, 0, ARMAX, noise_draws=2)
     assert len(twice) == 120
     np.testing.assert_array_equal(twice.features[:60], data.features)
-    np.testing.assert_array_equal(twice.theta[60:, 0], data.theta[:, 0])
+    np.testing.assert_array_equal(twice.theta[60:], data.theta)
     np.testing.assert_array_equal(twice.gains[60:], data.gains)
     np.testing.assert_array_equal(twice.number, np.tile(np.arange(60), 2))
     change = twice.features[60:] - data.features
     assert (change != 0).all() and (change.std(axis=0) < data.features.std(axis=0)).all()
 
 
-def test_vehicles_that_cannot_reach_the_target_are_not_usable(data):
-    task = Task(target=Target(phase_margin=55.0, crossover=2.0))
-    found = examples(yaw_rate(task), 60, 0, Armax())
-    reachable = np.isfinite(found.gains).all(axis=1)
+def test_sets_share_no_episode(plant):
+    numbers = {
+        tuple(row)
+        for name in ("train", "test", "calibration")
+        for seed in (0, 1)
+        for row in next(episodes(plant, name, seed, 0, 20)).theta
+    }
+    assert len(numbers) == 3 * 2 * 20
+
+
+def test_plants_that_cannot_reach_the_target_are_not_usable(data):
+    plant = yaw_rate(replace(VEHICLE, target=Target(phase_margin=55.0, crossover=2.0)))
+    found = examples(plant, 60, 0, ARMAX)
+    _, reachable = plant.designs(found.theta)
     assert 0 < reachable.sum() < 60
     np.testing.assert_array_equal(found.usable, reachable & data.usable)
 
 
-def test_progress_of_simulation_and_training():
+def test_progress_of_simulation_training_and_calibration():
     calls = []
-    tuners.train("ts-ff", Task(), episodes=60, progress=lambda *call: calls.append(call))
-    assert {what for what, _, _ in calls} == {"simulating", "training ts-ff"}
-    assert calls[0] == ("simulating", 60, 60)
-    assert [done for what, done, _ in calls if what != "simulating"] == list(range(1, 16))
+    tuners.train(QUICK, PLANT, episodes=60, calibration=60, name="own",
+                 progress=lambda *call: calls.append(call))  # fmt: skip
+    kinds = list(dict.fromkeys(what for what, _, _ in calls))
+    assert kinds == ["simulating", "training own", "calibrating"]
+    assert calls[0] == ("simulating", 60, 60) and calls[-1] == ("calibrating", 60, 60)
+    training = [done for what, done, _ in calls if what == "training own"]
+    assert list(dict.fromkeys(training)) == list(range(1, training[-1] + 1))
 
 
-@pytest.mark.parametrize("name", RECIPES)
-def test_every_recipe_trains_and_repeats(name, data, tmp_path):
-    dataset = data if RECIPES[name].compressor == Armax() else None
-    one, two = (tuners.train(name, Task(), episodes=60, dataset=dataset) for _ in range(2))
-    again = examples(yaw_rate(Task()), 60, 0, RECIPES[name].compressor)
-    prediction = one.stages.learner(again.features)
-    np.testing.assert_array_equal(two.stages.learner(again.features), prediction)
-    truth = again.targets(yaw_rate(Task(), RECIPES[name].coordinates).coordinates)
+STAGES = [
+    Recipe(ARMAX, NETWORK),
+    Recipe(ARMAX, TREES, "gains"),
+    Recipe(Laguerre(8, 12.0), TREES, noise_draws=2),
+    Recipe(Laguerre(8, 12.0), TrendSettings(TREES, degree=2)),
+    Recipe(FrequencyResponse(order=12, pole=12.0), TrendSettings(NETWORK), noise_draws=2),
+]
+
+
+@pytest.mark.parametrize("recipe", STAGES, ids=lambda r: f"{type(r.features).__name__}-"
+                         f"{type(r.learner).__name__}-{r.parametrisation}")  # fmt: skip
+def test_every_combination_trains_repeats_and_is_saved(recipe, tmp_path):
+    one, two = (tuners.train(recipe, PLANT, episodes=60) for _ in range(2))
+    again = examples(PLANT, 60, 0, recipe.features)
+    prediction = one.method.learner(again.features)
+    np.testing.assert_array_equal(two.method.learner(again.features), prediction)
+    truth = again.targets(coordinates_of(PLANT, recipe.parametrisation))
     assert (((prediction - truth) ** 2).mean(axis=0) < 0.5 * truth.var(axis=0)).all()
-    assert one.training["name"] == name and one.training["seed"] == 0
-    assert one.stages.compressor == RECIPES[name].compressor
+    assert one.training["name"] == "custom" and one.training["seed"] == 0
+    assert one.method.features == recipe.features
     one.save(tmp_path / "one.tuner")
     loaded = tuners.load(tmp_path / "one.tuner")
-    np.testing.assert_array_equal(loaded.stages.learner(again.features), prediction)
-
-
-def test_data_simulated_before_or_during_training_are_the_same(data):
-    with_data = tuners.train("ts-ff", Task(), episodes=60, dataset=data)
-    without = tuners.train("ts-ff", Task(), episodes=60)
-    np.testing.assert_array_equal(with_data.stages.learner.W1, without.stages.learner.W1)
-
-
-def test_the_seed_decides_the_data_and_the_weights():
-    one, other = (tuners.train("ts-ff", Task(), episodes=60, seed=seed) for seed in (0, 1))
-    assert not np.allclose(one.stages.learner.inputs.middle, other.stages.learner.inputs.middle)
-
-
-def test_four_fifths_of_the_vehicles_train(data, monkeypatch):
-    seen = {}
-
-    class Spy:
-        def fit(self, X, T, X_val, T_val, random_state, progress):
-            seen.update(X=X, T=T, X_val=X_val, T_val=T_val)
-            return QUICK["ts-gbm"].fit(X, T, X_val, T_val, random_state)
-
-    monkeypatch.setitem(RECIPES, "ts-gbm", Recipe(Armax(), Spy()))
-    tuners.train("ts-gbm", Task(), episodes=60, dataset=data)
-    used = int(data.usable.sum())
-    assert len(seen["X"]) + len(seen["X_val"]) == used
-    assert abs(len(seen["X"]) - 0.8 * used) <= 1
-    rows = np.concatenate([seen["X"], seen["X_val"]])
-    assert len(np.unique(rows, axis=0)) == used  # nothing is in both parts
-    order = [int(np.flatnonzero((data.features == row).all(axis=1))[0]) for row in rows]
-    targets = np.concatenate([seen["T"], seen["T_val"]])
-    np.testing.assert_array_equal(targets, data.targets(loop(Target()))[order])
-
-
-def test_no_vehicle_is_in_both_parts(monkeypatch):
-    both = examples(yaw_rate(Task()), 60, 0, Armax(), noise_draws=2)
-    seen = {}
-
-    class Spy:
-        def fit(self, X, T, X_val, T_val, random_state, progress):
-            seen.update(T=T, T_val=T_val)
-            return QUICK["ts-gbm"].fit(X, T, X_val, T_val, random_state)
-
-    monkeypatch.setitem(RECIPES, "ts-gbm", Recipe(Armax(), Spy()))
-    tuners.train("ts-gbm", Task(), episodes=60, dataset=both)
-    # A vehicle's target is its own.
-    assert not np.isin(seen["T_val"][:, 0], seen["T"][:, 0]).any()
+    np.testing.assert_array_equal(loaded.method.learner(again.features), prediction)
 
 
 @pytest.mark.parametrize(
-    "name, arguments, message",
+    "recipe",
     [
-        ("ts-ff", {"episodes": 49}, "episodes = 49 must be .* at least 50"),
-        ("ts-ff", {"episodes": 0}, "episodes = 0 must be .* at least 50"),
-        ("ts-ff", {"episodes": 60.5}, "episodes = 60.5 must be a whole number"),
-        ("ts-ff", {"episodes": 60, "seed": -1}, "seed = -1"),
-        ("gb", {}, "tuner = 'gb' is unknown. Choose one of ts-gbm, ts-ff"),
-        ("pidtune", {}, "tuner = 'pidtune' is unknown"),
+        Recipe(FrequencyResponse(8, 2.0, 0.05, 2.0), FeedForwardSettings(neurons=4, epochs=20)),
+        Recipe(Laguerre(6, 2.0), GBMSettings(n_estimators=80)),
     ],
 )
-def test_wrong_arguments_are_refused_before_any_work(name, arguments, message, monkeypatch):
+def test_the_stages_compose_for_other_plants(recipe):
+    tuner = tuners.train(recipe, lag, episodes=150)
+    block = recorded(lag, "test", 0, 128)
+    found = tuner.act(Recording(block.u, block.y, TS))
+    nominal = np.repeat(lag.oracle(lag.middle), 128, axis=0)
+    error, far = (lag.metric_values(block.theta, g) for g in (found, nominal))
+    assert np.sqrt((error**2).mean()) < 0.25 * np.sqrt((far**2).mean())
+
+
+def test_data_simulated_before_or_during_training_are_the_same(data):
+    recipe = Recipe(ARMAX, NETWORK)
+    given = tuners.train(recipe, PLANT, episodes=60, data=data)
+    own = tuners.train(recipe, PLANT, episodes=60)
+    np.testing.assert_array_equal(given.method.learner.W1, own.method.learner.W1)
+
+
+def test_the_seed_decides_the_data_and_the_weights():
+    one, other = (tuners.train(QUICK, PLANT, episodes=60, seed=seed) for seed in (0, 1))
+    assert not np.allclose(one.method.learner.inputs.middle, other.method.learner.inputs.middle)
+
+
+class Spy:
+    """Keeps what it is given to learn from."""
+
+    def fit(self, X, T, X_val, T_val, random_state, progress):
+        self.X, self.T, self.X_val, self.T_val = X, T, X_val, T_val
+        return TREES.fit(X, T, X_val, T_val, random_state)
+
+
+@pytest.mark.parametrize("draws", [1, 2])
+def test_four_fifths_of_the_plants_train_and_none_is_in_both_parts(draws):
+    rows, spy = examples(PLANT, 60, 0, ARMAX, noise_draws=draws), Spy()
+    tuners.train(Recipe(ARMAX, spy), PLANT, episodes=60, data=rows)
+    used = int(rows.usable.sum())
+    assert len(spy.X) + len(spy.X_val) == used
+    assert abs(len(spy.X) - 0.8 * used) <= draws + 1
+    together = np.concatenate([spy.X, spy.X_val])
+    assert len(np.unique(together, axis=0)) == used
+    order = [int(np.flatnonzero((rows.features == row).all(axis=1))[0]) for row in together]
+    targets = rows.targets(PLANT.parametrisation)[order]
+    np.testing.assert_array_equal(np.concatenate([spy.T, spy.T_val]), targets)
+    # A plant's target is its own.
+    assert not np.isin(spy.T_val[:, 0], spy.T[:, 0]).any()
+
+
+@pytest.mark.parametrize(
+    "what, arguments, name",
+    [
+        ("ts-ff", {"episodes": 49}, "episodes = 49"),
+        ("ts-ff", {"episodes": 0}, "episodes = 0"),
+        ("ts-ff", {"episodes": 60.5}, "episodes = 60.5"),
+        ("ts-ff", {"episodes": 60, "seed": -1}, "seed = -1"),
+        ("ts-ff", {"calibration": 20}, "calibration = 20"),
+        ("gb", {}, "tuner = 'gb'"),
+        ("pidtune", {}, "tuner = 'pidtune'"),
+        (5, {}, "recipe = 5"),
+    ],
+)
+def test_wrong_arguments_are_refused_before_any_work(what, arguments, name, monkeypatch):
     def forbidden(*_, **__):
         raise AssertionError("simulated")
 
     monkeypatch.setattr("tuners.tuner.training.examples", forbidden)
-    with pytest.raises(ValueError, match=message):
-        tuners.train(name, Task(), **arguments)
+    with pytest.raises(ValueError, match=name):
+        tuners.train(what, PLANT, **arguments)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"parametrisation": "polar"}, {"noise_draws": 0}, {"episodes": 0}]
+)
+def test_wrong_recipes_are_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        replace(QUICK, **wrong)
+    with pytest.raises(ValueError, match="features"):
+        Recipe(NETWORK, NETWORK)
 
 
 def test_a_record_has_the_recipes_name(data):
-    def recorded(recipe, **kwargs):
-        tuner = tuners.train(recipe, Task(), episodes=60, dataset=data, **kwargs)
-        return tuner.training["name"]
+    def named(recipe, **settings):
+        return tuners.train(recipe, PLANT, episodes=60, data=data, **settings).training["name"]
 
-    recipe = RECIPES["ts-ff"]
-    other = dataclasses.replace(recipe, learner=FeedForwardSettings(neurons=3, epochs=5))
-    assert recorded(recipe) == "ts-ff" and recorded(other) == "custom"
-    assert recorded(other, name="ts-ff") == "ts-ff"
+    other = replace(RECIPES["ts-ff"], learner=FeedForwardSettings(neurons=3, epochs=5))
+    assert named(RECIPES["ts-ff"]) == "ts-ff" and named(other) == "custom"
+    assert named(other, name="ts-ff") == "ts-ff"
 
 
-def test_a_task_is_a_task():
-    for attempt in (lambda: tuners.train("ts-ff", 5), lambda: tuners.load("gb", 5)):
-        with pytest.raises(ValueError, match="task = 5 is not a Task. Make one with"):
-            attempt()
+def test_a_target_that_no_pi_reaches_is_refused():
+    plant = yaw_rate(replace(VEHICLE, target=Target(phase_margin=170.0)))
+    with pytest.raises(ValueError, match="target"):
+        tuners.train("ts-ff", plant, episodes=60)
 
 
-@pytest.mark.parametrize("name", ["ts-ff", "ts-gbm"])
-def test_a_target_that_no_pi_reaches_is_refused(name):
-    task = Task(target=Target(phase_margin=170.0))
-    with pytest.raises(ValueError, match="0 of 60 episodes are usable.*Choose a target"):
-        tuners.train(name, task, episodes=60)
+def test_a_plants_default_recipe_is_calibrated_and_near_the_bound():
+    recipe = recipe_for(lag)
+    assert recipe.features == suited(lag, 8) == features_by_name(lag, "laguerre")
+    assert 0.7 < suited(lag, 4).pole < 6.0  # rad/s; the plants' are 1 to 5
+    tuner = tuners.train(lag, episodes=100, calibration=60)
+    assert tuner.training["name"] == "two-stage" and len(tuner.calibration) == 2
+    named = tuners.train("first_order:plant", episodes=100, calibration=0)
+    np.testing.assert_array_equal(named.method.learner.W1, tuner.method.learner.W1)
 
 
-def test_a_tuner_of_another_task_keeps_it():
-    task = Task(target=Target(crossover=1.2), experiment=Experiment(Ts=0.01, N=1000))
-    tuner = tuners.train("ts-ff", task, episodes=60)
-    assert tuner.task == task
+def registers(integers):
+    """A random register for each integer."""
+    return prbs(500, TS, 0.5, 1.0, order=RANDOM_ORDER, start=integers)
+
+
+@pytest.fixture(scope="module")
+def various():
+    """A tuner for a plant with another input in every episode."""
+    plant = described(excite=registers)
+    learner = FeedForwardSettings(neurons=12, epochs=150, max_fail=20)
+    features = recipe_for(plant).features
+    assert isinstance(features, Regularised)
+    return tuners.train(Recipe(features, learner, noise_draws=4), plant, episodes=500)
+
+
+def test_inputs_of_their_own_are_the_episodes_own(various):
+    plant = various.plant
+    whole, again = (recorded(plant, "test", 1, count) for count in (150, 7))
+    assert len(np.unique(whole.u, axis=0)) > 140  # a few registers start alike
+    np.testing.assert_array_equal(whole.u[:7], again.u)
+    single = described(
+        simulate=by_one(simulate), design=by_one(design), excite=registers, batched=False
+    )
+    np.testing.assert_array_equal(recorded(single, "test", 1, 7).y, again.y)
+
+
+def error_of(tuner, samples=500, amplitude=1.0, sigma=0.02):
+    theta, rng = sample(tuner.plant, 64), np.random.default_rng(0)
+    integers = np.arange(1, 65, dtype=np.uint64)
+    u = amplitude * prbs(samples, TS, 0.5, 1.0, order=RANDOM_ORDER, start=integers)
+    y = simulate(theta, u, None) + sigma * rng.standard_normal(u.shape)
+    found = tuner.gains(Recording(u, y, TS)).values
+    return np.median(np.abs(found / tuner.plant.oracle(theta) - 1), axis=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "most"),
+    [
+        ({"samples": 1000}, 2),
+        ({"samples": 2500}, 2),
+        ({"amplitude": 3.0}, 1),
+        ({"sigma": 0.002}, 1),
+    ],
+    ids=["longer", "much longer", "stronger", "quieter"],
+)
+def test_a_recording_that_says_more_is_answered_nearly_as_well(various, change, most):
+    assert (error_of(various, **change) < most * error_of(various)).all()
+
+
+def test_any_input_is_answered_without_a_note(various):
+    block = recorded(various.plant, "test", 0, 1)
+    result = various.tune(block.u[0], block.y[0])
+    assert result.trusted and result.notes == ()
+    assert (error_of(various) < 0.03).all()
+
+
+def test_measured_parameters_make_the_tuner_surer():
+    theta = sample(lag, 64)
+    told = described(measured={"T": 0.05})
+    assert (cramer_rao(told, theta)[:, 0] < cramer_rao(lag, theta)[:, 0]).all()
+    assert (cramer_rao(told, theta)[:, 1] == 0).all()
+    block = recorded(told, "test", 0, 128)
+    error = {}
+    for plant in (lag, told):
+        found = tuners.train(Recipe(Laguerre(8, 2.0), NETWORK), plant, episodes=200)
+        values = found.act(Recording(block.u, block.y, TS, block.theta))
+        error[plant] = np.abs(plant.errors(block.theta, values)).mean(axis=0)
+    assert (error[told] < 0.7 * error[lag]).all()

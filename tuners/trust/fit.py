@@ -24,7 +24,8 @@ from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
-_POLISHING = 3
+_POLISHING = 12  # steps at most
+_SETTLED = 1e-4  # of a range: the last step is no longer
 _BAND = (1 / 7.5, 1 / 0.3)  # of the crossover: where noise matters to the metrics
 _COLOURED = 1.7  # noise stronger by this in the band: more than chance for white noise
 
@@ -73,19 +74,24 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     """
     found = search(plant, model.u, model.y, start)
     theta, limits = found.theta, plant.limits
-    for _ in range(_POLISHING if model.unknown.any() else 0):
+    settled = ~model.unknown
+    for _ in range(_POLISHING):
+        if settled.all():
+            break
         error, slopes = _signals(plant, theta, model)
         with np.errstate(invalid="ignore"):
             step = (inverse_of(slopes) @ (slopes @ error[..., None]))[..., 0]
         step = np.where(model.unknown[:, None] & np.isfinite(step), step, 0.0)
         theta = moved(plant, theta, np.clip(step, -LARGEST_STEP, LARGEST_STEP), *limits)
+        settled = np.abs(step).max(axis=1, initial=0.0) <= _SETTLED
     error, slopes = _signals(plant, theta, model)
     noise = noise_level(error, model.Ts, plant.crossover)
     if plant.crossover is None:  # nobody looked where interpolated noise is stronger
         noise = noise * model.oversampled
     with np.errstate(invalid="ignore"):  # no noise and no information: no answer
         covariance = noise[:, None, None] * inverse_of(slopes)
-    return Fit(theta, found.converged, measured - error, error, noise, covariance)
+    converged = np.where(model.unknown, settled, found.converged)
+    return Fit(theta, converged, measured - error, error, noise, covariance)
 
 
 def search(plant: Plant, u: Array, y: Array, start: Array) -> Identified:

@@ -1,0 +1,162 @@
+"""What imports what, what importing loads, and what is in the distribution."""
+
+import graphlib
+import subprocess
+import sys
+import tomllib
+
+import pytest
+from imports import imported_names, modules_after
+from recordings import ROOT
+
+import yawrate_env
+
+FILES = sorted(p for name in ("yawrate_env", "tuners") for p in (ROOT / name).rglob("*.py"))
+FLOORS = {
+    "yawrate_env": ("signals", "loop", "plant", "vehicle", "env"),
+    "tuners": ("features", "learners", "trust", "tuner", "agents", "data", "logs", "export", "cli"),
+}
+METHOD = "features", "learners", "trust", "tuner"
+HEAVY = {"matplotlib", "control", "pandas", "pint", "msgspec"}
+LEARNING = {"torch", "xgboost", "stable_baselines3", "sb3_contrib"}
+RECORDED = (
+    "import numpy as np, tuners; from yawrate_env.signals.excitation import prbs; "
+    "u = prbs(10000, 0.001, 0.1, 0.02)[0]; "
+)
+
+
+def dotted(path):
+    """Name of a module, such as ``yawrate_env.vehicle.task``."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+NAMES = {dotted(path) for path in FILES}
+
+
+def imported_modules(path):
+    """Modules of both packages that a file imports: the longest name that is one."""
+    for name in imported_names(path):
+        while name:
+            if name in NAMES:
+                yield name
+                break
+            name = name.rpartition(".")[0]
+
+
+GRAPH = {dotted(path): set(imported_modules(path)) for path in FILES}
+
+
+def floor(name):
+    """Package and folder (or module) in it that a dotted name lies in."""
+    return ".".join(name.split(".")[:2])
+
+
+def test_no_module_imports_itself_round_a_corner():
+    assert GRAPH["yawrate_env.env.yaw_rate_env"] and GRAPH["tuners.tuner.tuner"]  # they are seen
+    list(graphlib.TopologicalSorter(GRAPH).static_order())  # raises on a cycle
+
+
+@pytest.mark.parametrize("package", FLOORS)
+def test_imports_of_folders_point_down(package):
+    order = [f"{package}.{name}" for name in FLOORS[package]]
+    for name, used in GRAPH.items():
+        if floor(name) in order:
+            above = order[order.index(floor(name)) + 1 :]
+            assert not {floor(u) for u in used} & set(above), name
+
+
+def test_folders_make_no_cycle():
+    graph = {}
+    for name, used in GRAPH.items():
+        graph.setdefault(floor(name), set()).update(floor(u) for u in used)
+    # The packages' own `__init__` gathers names from everywhere.
+    for name, used in graph.items():
+        used -= {name, "tuners", "yawrate_env"}
+    list(graphlib.TopologicalSorter(graph).static_order())
+
+
+def test_the_method_knows_no_vehicle_and_no_environment():
+    for name, used in GRAPH.items():
+        if name.split(".")[:1] == ["tuners"] and floor(name).partition(".")[2] in METHOD:
+            for other in used:
+                assert not other.startswith(("yawrate_env.vehicle", "yawrate_env.env")), name
+                assert "vehicle" not in other and "yaw_rate." not in other.partition(".")[2], name
+
+
+@pytest.mark.parametrize("package, never", [
+    ("yawrate_env", {"tuners", "scripts", "tests", "pytest", *LEARNING}),
+    ("tuners", {"scripts", "studies", "benchmarks", "tests", "recordings", "systems", "pytest"}),
+])  # fmt: skip
+def test_packages_know_nothing_above_them(package, never):
+    for path in FILES:
+        if dotted(path).split(".")[0] == package:
+            assert not {name.split(".")[0] for name in imported_names(path)} & never, path
+
+
+def test_importing_the_environment_is_light():
+    loaded = modules_after("import yawrate_env")
+    assert {"yawrate_env", "gymnasium"} <= loaded
+    assert not loaded & (LEARNING | HEAVY | {"tuners", "scipy", "numba"})
+
+
+def test_importing_the_tuners_is_light():
+    loaded = modules_after("import tuners")
+    assert {"tuners", "yawrate_env", "numba"} <= loaded
+    # SciPy is not in the list: numba imports it to find its BLAS.
+    assert not loaded & (LEARNING | HEAVY | {"tqdm", "PIL", "safetensors"})
+
+
+@pytest.mark.parametrize(
+    "name, settings",
+    [
+        (yawrate_env.ENV_ID, "N=500"),
+        (yawrate_env.NONLINEAR_ID, "N=500"),
+        (yawrate_env.PLANT_ID, "plant='first_order:plant'"),
+    ],
+)
+def test_an_episode_needs_no_learning_and_no_plotting(name, settings):
+    loaded = modules_after(
+        "import sys; sys.path.insert(0, 'tests'); import gymnasium, yawrate_env; "
+        f"e = gymnasium.make({name!r}, {settings}); e.reset(seed=0); "
+        "e.step(e.action_space.sample())"
+    )
+    assert "numba" in loaded
+    assert not loaded & (LEARNING | {"tuners", "matplotlib", "control"})
+
+
+def test_import_registers_every_environment_once():
+    program = (
+        "import importlib, gymnasium; gymnasium.make('yawrate_env:yawrate/PITuning-v0'); "
+        "import yawrate_env; importlib.reload(yawrate_env); "
+        "gymnasium.make('yawrate/PITuningNonlinear-v0'); "
+        "import tuners; gymnasium.spec('yawrate/PITuningFeatures-v0')"
+    )
+    subprocess.run([sys.executable, "-W", "error", "-c", program], cwd=ROOT, check=True)
+    ids = {name for name in vars(yawrate_env) if name.endswith("_ID")}
+    assert {getattr(yawrate_env, name) for name in ids} == {
+        "yawrate/PITuning-v0",
+        "yawrate/PITuningNonlinear-v0",
+        "yawrate/PITuningFeatures-v0",
+        "yawrate/Plant-v0",
+        "yawrate/PlantFeatures-v0",
+    }
+
+
+@pytest.mark.parametrize(
+    "name, needs, never",
+    [
+        ("ts-ff", {"safetensors"}, LEARNING),
+        ("ts-gbm", {"xgboost"}, LEARNING - {"xgboost"} | {"sklearn"}),
+        ("gb", set(), LEARNING | {"safetensors"}),
+    ],
+)
+def test_a_tuner_is_used_without_what_trained_it(name, needs, never):
+    loaded = modules_after(RECORDED + f"tuners.load({name!r}).tune(u, u, 0.001)")
+    assert needs <= loaded
+    assert not loaded & (never | {"matplotlib", "control"})
+
+
+def test_version_is_the_distributions():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["version"] == yawrate_env.__version__
+    assert (ROOT / "yawrate_env" / "py.typed").exists()
