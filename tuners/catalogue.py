@@ -14,6 +14,7 @@ from tuners.learners.trend import TrendSettings
 from tuners.tuner import tuner_file
 from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
+from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import GrayBox, Nominal, Oracle
 from tuners.tuner.stages import Recipe, Stages
 from tuners.tuner.training import calibrate, check_calibration, fit, recipe_for
@@ -183,4 +184,15 @@ def from_file(path: str | os.PathLike[str], plant: Plant | None = None) -> Tuner
         if (factors < 0).any():
             raise ValueError(f"calibration has {factors.min():g}, which is no width.")
         validation.instance("training", settings["training"], dict, remedy="")
-        return Tuner(found, method, settings["training"], tuple(factors.tolist()))
+        tuner = Tuner(found, method, settings["training"], tuple(factors.tolist()))
+        _try(tuner)
+        return tuner
+
+
+def _try(tuner: Tuner) -> None:
+    """One answer, to the plant in the middle of the prior; ``ValueError`` where it has no gains."""
+    plant = tuner.plant
+    recording = Recording(plant.u[None], plant.respond(plant.middle), plant.Ts, plant.middle)
+    answered = tuner.method.gains(plant, recording).values.shape
+    if answered != (1, len(plant.gains)):
+        raise ValueError(f"it answers {answered[1]} gains, not {len(plant.gains)}.")

@@ -103,7 +103,7 @@ def section(name: str, part: dict[str, Any]) -> str:
     coverage = ", ".join(f"{metric} {100 * c:.1f} %" for metric, c in part["coverage"].items())
     return (
         f"## {name}\n\n{table(('tuner', *heads, 'unstable'), rows)}\n"
-        f"{part['episodes']} test plants; trained on {training['vehicles']} others with "
+        f"{part['episodes']} test plants; trained on {training['episodes']} others with "
         f"{training['noise_draws']} recordings of each, seed {training['seed']}. Errors are "
         "distances from what the design rule reaches that knows the plant.\n"
         f"Two-stage gains trusted: {100 * part['trusted']:.1f} %. Its 90 % intervals held: "

@@ -184,10 +184,10 @@ def learned_from(tuner: Any) -> str:
         return ""
     if "algorithm" in training:
         return f"{training['episodes']} rewards, {training['algorithm']}, seed {training['seed']}"
-    if "vehicles" in training:
+    if "episodes" in training:
         draws = training["noise_draws"]
         noise = f" × {draws} noise draws" if draws > 1 else ""
-        return f"{training['vehicles']} vehicles{noise}, seed {training['seed']}"
+        return f"{training['episodes']} vehicles{noise}, seed {training['seed']}"
     return ""
 
 

@@ -284,7 +284,7 @@ def test_a_tuner_is_trained_from_a_data_set(name, tmp_path, quick):
     train = ("train", "--data", tmp_path / "set", "-o", tmp_path / "my.tuner")
     code, out, err = call(*train)
     assert code == TRUSTED and "verifying" in err and "calibrating" in err and "bound" in out
-    assert tuners.load(tmp_path / "my.tuner").training["vehicles"] == 200
+    assert tuners.load(tmp_path / "my.tuner").training["episodes"] == 200
     other = short(tmp_path / "other.toml", 2500.0)
     refused(UNUSABLE, *train, "--vehicle", other)
 

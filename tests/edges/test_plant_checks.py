@@ -241,11 +241,11 @@ def test_a_metric_without_a_scale_does_not_count():
 def test_a_description_without_evaluate_can_be_replaced():
     assert replace(plant, noise=0.1).metrics == plant.metrics
     renamed = replace(plant, gains=("a", "b"))
-    assert tuple(renamed.metrics) == ("relative error of a", "relative error of b")
+    assert tuple(renamed.metrics) == ("relative_error_of_a", "relative_error_of_b")
     wider = replace(plant, metrics={"kp": 0.6})
-    targets = {"relative error of kp": Metric(0.6), "relative error of Ti": Metric(0.3)}
+    targets = {"relative_error_of_kp": Metric(0.6), "relative_error_of_Ti": Metric(0.3)}
     assert wider.metrics == replace(wider, noise=0.1).metrics == targets
-    assert replace(wider, gains=("kp", "b")).metrics["relative error of kp"] == Metric(0.6)
+    assert replace(wider, gains=("kp", "b")).metrics["relative_error_of_kp"] == Metric(0.6)
     with pytest.raises(ValueError, match="evaluate and metrics"):
         replace(plant, evaluate=first_gain)
     own = replace(plant, evaluate=first_gain, metrics={"x": 1.0})

@@ -161,4 +161,4 @@ def test_shipped_files_are_small_and_say_how_they_were_trained():
         assert path.stat().st_size < 2e6  # package data, in every clone and wheel
         training = tuner_file.read(path)[0]["training"]
         assert training["name"] == name
-        assert {"vehicles", "noise_draws", "seed", "context"} <= set(training)
+        assert {"episodes", "noise_draws", "seed", "set"} <= set(training)

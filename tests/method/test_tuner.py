@@ -307,7 +307,7 @@ def test_slow_samples_are_as_good_where_they_show_the_plant():
     whole, part = tuner.tune(u, y), tuner.tune(u[::2], y[::2], 0.04)
     assert whole.trusted and part.trusted, part.reasons
     for name, right in zip(linear.gains, linear.oracle(theta)[0], strict=True):
-        first, second = (r.intervals[f"relative error of {name}"] for r in (whole, part))
+        first, second = (r.intervals[f"relative_error_of_{name}"] for r in (whole, part))
         wider = (second.high - second.low) / (first.high - first.low)
         assert wider == pytest.approx(np.sqrt(2), rel=0.25)
         assert second.low < part.gains[name] / right - 1 < second.high

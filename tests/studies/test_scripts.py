@@ -294,6 +294,6 @@ def test_compare_plant_gives_table_and_picture(called, tmp_path):
     status, out, _ = called("compare_plant", file, "--plants", 60, "--test", 20)
     assert status == 0 and "two-stage" in out and "Cramér–Rao" in out
     part = json.loads((tmp_path / "results" / "plants.json").read_text())[name]
-    assert part["episodes"] == 20 and part["training"]["vehicles"] == 60
+    assert part["episodes"] == 20 and part["training"]["episodes"] == 60
     assert (tmp_path / "results" / "plants.md").read_text().count("## ") == 1
     assert (tmp_path / "figures" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"

@@ -19,44 +19,44 @@ def as_json(result: Result, log: Log, tuner: str) -> dict[str, Any]:
     """Everything about a result as plain JSON values; ``null`` where there is no number.
 
     Gains and metrics also stand by name beside the other keys, as measured parameters do in
-    ``log`` and estimated ones in ``fit``; those keys go first where a name is one of them.
+    ``log`` and estimated ones in ``fit``.
     """
     plant, forms = result.plant, forms_of(result)
     gains = _bare(result.gains)
     metrics = _bare({name: asdict(interval) for name, interval in result.intervals.items()})
     settings = plant_settings(plant)
-    answer: dict[str, Any] = _plain({
-        **gains,
-        **metrics,
-        "gains": gains,
-        "metrics": metrics,
+    keys = {
         "trusted": result.trusted,
         "reasons": result.reasons,
         "notes": result.notes,
+        **metrics,
         "status": result.status.name.lower(),
         "converged": result.converged,
         "fallback": _bare(result.fallback),
-        "parameters": _bare(result.fit.parameters),
-        "deviations": _bare(result.fit.deviations),
-        "units": _units(plant),
         "checks": [asdict(check) | {"passed": check.passed} for check in result.checks],
         "forms": None if forms is None else asdict(forms),
         "target": settings["target"],
         "tuner": tuner,
-        "plant": {"entry": plant.entry, **settings},
         "log": _log(log, plant),
         "fit": _fit(result),
-    })  # fmt: skip
+        "gains": gains,
+        "metrics": metrics,
+        "parameters": _bare(result.fit.parameters),
+        "deviations": _bare(result.fit.deviations),
+        "units": _units(plant),
+        "plant": {"entry": plant.entry, **settings},
+    }
+    answer: dict[str, Any] = _plain({**gains, **keys})
     return answer
 
 
 def _log(log: Log, plant: Plant) -> dict[str, Any]:
     return {
-        **_bare({plant.label(name): float(v.mean()) for name, v in log.measured.items()}),
         "file": log.source,
         "start": log.t0,
         "samples": len(log.u),
         "Ts": log.Ts,
+        **_bare({plant.label(name): float(v.mean()) for name, v in log.measured.items()}),
         "excitation": asdict(log.excitation),
     }
 

@@ -117,11 +117,11 @@ def fit(
     learner = recipe.learner.fit_batches(training, validating, seed, report)
     return Stages(recipe.features, learner, recipe.parametrisation), {
         "name": name,
-        "vehicles": len(folder),
+        "episodes": len(folder),
         "noise_draws": 1,
         "used": sum(used),
         "seed": seed,
-        "context": found.set,
+        "set": found.set,
     }
 
 

@@ -149,9 +149,9 @@ class Assessment:
             for name, finding in self.findings.items()
         )
 
-    def preceded_by(self, findings: dict[str, Finding]) -> "Assessment":
-        """The same with further checks, which come first."""
-        return replace(self, findings=findings | self.findings)
+    def followed_by(self, findings: dict[str, Finding]) -> "Assessment":
+        """The same with further checks."""
+        return replace(self, findings=self.findings | findings)
 
 
 def assess(

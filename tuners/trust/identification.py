@@ -59,7 +59,6 @@ class Differences:
     """Normal equations by central differences, in parameters scaled by their ranges."""
 
     plant: Plant
-    largest_step: float = LARGEST_STEP
 
     def encode(self, theta: Array) -> Array:
         """Parameters (B, p) to the unknown ones in widths of their ranges (B, q)."""
@@ -70,6 +69,11 @@ class Differences:
         found = theta.copy()
         found[:, self.plant.unknown] = z * self.plant.width
         return found
+
+    def shortened(self, step: Array) -> Array:
+        """Steps (B, q) of at most half a range in each parameter, in the same direction."""
+        largest = np.abs(step).max(axis=1, keepdims=True, initial=0.0)
+        return np.asarray(step * np.minimum(1.0, LARGEST_STEP / np.maximum(largest, 1e-300)))
 
     def gram(self, theta: Array, u: Array, y: Array, rows: NDArray[np.intp]) -> Array:
         """Inner products (R, 1 + q, 1 + q) of output error and slopes over the recordings."""
@@ -128,10 +132,9 @@ def identify(
         to = active[better]
         z[to], cost[to], gram[to] = trial[better], found[better, 0, 0], found[better]
         damping[active] *= np.where(better, 0.1, 100.0)
-        step[active], promised = _step(
-            gram[active], damping[active], z[active], low[active], high[active],
-            slopes.largest_step,
-        )  # fmt: skip
+        full, promised = _step(gram[active], damping[active], z[active], low[active], high[active])
+        shortened = slopes.shortened(full)
+        step[active] = _until_limit(z[active], shortened, low[active], high[active]) - z[active]
         done = promised <= _TOLERANCE * cost[active] + rounding[active]
         done &= gained <= _GAINED * cost[active] + rounding[active]
         informed = (np.einsum("bii->bi", gram[active]) > 0)[:, 1:].all(axis=1)
@@ -201,22 +204,15 @@ def inverse_of(slopes: Array) -> Array:
     return np.where(regular[:, None, None], inverse, np.where(eye > 0, np.inf, 0.0))
 
 
-def _step(
-    gram: Array, damping: Array, z: Array, low: Array, high: Array, largest: float
-) -> tuple[Array, Array]:
-    """Damped Gauss-Newton steps (B, q) within the limits, and the decrease they promise (B,).
-
-    No coordinate moves by more than `largest`.
-    """
+def _step(gram: Array, damping: Array, z: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Damped Gauss-Newton steps (B, q) away from limits, and the decrease they promise (B,)."""
     slope, normal = gram[:, 0, 1:], gram[:, 1:, 1:]
     free = _inward(slope, z, low, high)
     step = _damped(normal, slope, damping, free)
     for _ in range(z.shape[1] - 1):  # it may press against a limit where the slope does not
         free &= _inward(step, z, low, high)
         step = _damped(normal, slope, damping, free)
-    promised = (step * slope).sum(axis=1)
-    step = np.clip(step, -largest, largest)
-    return _until_limit(z, step, low, high) - z, promised
+    return step, np.asarray((step * slope).sum(axis=1))
 
 
 def _inward(direction: Array, z: Array, low: Array, high: Array) -> NDArray[np.bool_]:

@@ -116,11 +116,11 @@ def fit(
     )
     return stages, {
         "name": name,
-        "vehicles": int(data.number.max()) + 1,
+        "episodes": int(data.number.max()) + 1,
         "noise_draws": recipe.noise_draws,
         "used": used,
         "seed": seed,
-        "context": "train",
+        "set": "train",
     }
 
 

@@ -106,7 +106,7 @@ class Tuner:
         found, assessment = self.assess(given, start)
         if given.Ts > self.plant.Ts * (1 + notes.ROUNDED):
             missed = Finding(_between(given, assessment), _BENT, _TOO_SLOW)
-            assessment = assessment.preceded_by({"between": missed})
+            assessment = assessment.followed_by({"between": missed})
         checks = assessment.checks(0)
         return Result(
             gains=self._named(found.values[0]),

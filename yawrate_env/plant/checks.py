@@ -19,7 +19,7 @@ RELATIVE_ERROR = 0.3
 SHORTEST = 16
 """Samples that an experiment has at least."""
 
-_RELATIVE = "relative error of "
+_RELATIVE = "relative_error_of_"
 
 
 def checked(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,15 +14,14 @@ class Sensitivity(Protocol):
     The search runs in coordinates z (B, q) of the plant's own, such as logarithms.
     """
 
-    @property
-    def largest_step(self) -> float:
-        """No coordinate moves by more in one step."""
-
     def encode(self, theta: Array) -> Array:
         """Parameters (B, p) to coordinates (B, q) of the unknown ones."""
 
     def decode(self, z: Array, theta: Array) -> Array:
         """Parameters (B, p): the coordinates' values in place of those in `theta`."""
+
+    def shortened(self, step: Array) -> Array:
+        """Steps (B, q) of the coordinates, no longer than one step of the search should be."""
 
     def gram(self, theta: Array, u: Array, y: Array, rows: NDArray[np.intp]) -> Array:
         """Inner products (R, 1 + q, 1 + q) over recordings from rest.

@@ -28,6 +28,8 @@ from yawrate_env.vehicle.single_track import (
 
 Array = NDArray[np.float64]
 
+_LARGEST_STEP = 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class LogSensitivity:
@@ -41,15 +43,12 @@ class LogSensitivity:
         Sampling time [s].
     friction, mass : bool
         Whether each is unknown.
-    largest_step : float
-        Of a logarithm: no more than a factor e at a time.
     """
 
     vehicle: Vehicle
     Ts: float
     friction: bool = True
     mass: bool = True
-    largest_step: float = 1.0
 
     def encode(self, theta: Array) -> Array:
         """Parameters (B, 3) to the logarithms of unknown friction and total mass (B, q)."""
@@ -65,6 +64,10 @@ class LogSensitivity:
         if self.mass:
             found[:, 1] = values[:, -1] - self.vehicle.M_0
         return found
+
+    def shortened(self, step: Array) -> Array:
+        """Steps (B, q) of at most 1 in each logarithm: no more than a factor e at a time."""
+        return np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
 
     def gram(self, theta: Array, u: Array, y: Array, rows: NDArray[np.intp]) -> Array:
         """Inner products (R, 1 + q, 1 + q) of output error and slopes over the recordings."""
