@@ -25,7 +25,7 @@ def test_from_a_toml_file_to_trusted_gains(tmp_path):
     (tmp_path / "my.toml").write_text('[plant]\nentry = "my_valve:plant"\n')
     tuner, log = tmp_path / "my.tuner", tmp_path / "log.csv"
     code, out, _ = call("train", "--vehicle", tmp_path / "my.toml", "-o", tuner, "--episodes", 60)
-    assert code == 0 and "relative_error_of_kp" in out and "(bound" in out, out
+    assert code == 0 and "relative error of kp" in out and "(bound" in out, out
 
     y = plant.respond(np.array([[1.2, 0.5]]))[0] + 0.02 * np.random.default_rng(0).normal(size=500)
     rows = [f"{k * 0.02:.2f},{U[k]},{y[k]:.5f}" for k in range(500)]

@@ -58,4 +58,5 @@ def rows(
 
 
 def _is_pair(answer: Any) -> bool:
-    return isinstance(answer, tuple) and len(answer) == 2
+    """Whether it is values and flags; two gains of one plant may be a tuple, too."""
+    return isinstance(answer, tuple) and len(answer) == 2 and np.asarray(answer[1]).dtype == bool
