@@ -138,6 +138,12 @@ def test_unknown_features_are_refused(make):
         make(features="fourier")
 
 
+def test_nonlinear_is_true_or_false():
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(ValueError, match="nonlinear = 'no'"):
+            make(FEATURES_ID, nonlinear="no")
+
+
 @pytest.mark.parametrize("env", [plain, lambda: gymnasium.make(PLANT_ID, plant=plant)])
 def test_unknown_settings_are_refused(env):
     with pytest.raises(ValueError, match="features 'laguerre'.*poles"):
