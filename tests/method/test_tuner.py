@@ -101,6 +101,25 @@ def test_tuners_take_lists_and_leave_their_arguments_alone():
     assert (again.gains, again.checks) == (plain.gains, plain.checks)
 
 
+@pytest.mark.parametrize(
+    "wrong, words",
+    [({"measured": 3}, "measured = 3"), ({"measured": {"v_x": 20.0}, "v_x": 21.0}, "given twice")],
+)
+def test_measured_parameters_are_given_once_by_name(wrong, words):
+    given = one(FAMILIES["vehicle"], recordings("vehicle"), 0)
+    with pytest.raises(ValueError, match=words):
+        trained("vehicle").tune(given["u"], given["y"], **wrong)
+
+
+def test_what_is_no_recording_is_refused():
+    u = np.ones(500)
+    with pytest.raises(ValueError, match="recording = None"):
+        trained("vehicle").assess(None)
+    for y in (u, u[None, 1:]):
+        with pytest.raises(ValueError, match="Recording.of"):
+            Recording(u[None], y, 0.02)
+
+
 def test_no_episodes_no_actions(tuner, plant):
     obs = np.zeros((0, 2 + len(plant.measured_names), len(plant.u)))
     assert tuner.predict(obs)[0].shape == (0, len(plant.gains))
