@@ -35,7 +35,7 @@ def toy(count, seed):
 
 
 def trained(X, T, X_val, T_val, random_state=0, progress=None, **settings):
-    return FeedForwardSettings(**settings).fit(X, T, X_val, T_val, random_state, progress)
+    return FeedForwardSettings(**settings).fit([(X, T)], [(X_val, T_val)], random_state, progress)
 
 
 @pytest.mark.parametrize("shape", [(3, 4, 2), (1, 1, 1), (6, 10, 2)])

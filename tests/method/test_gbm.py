@@ -19,7 +19,7 @@ def toy(seed=0, count=300):
 def trained(X, T, X_val=None, T_val=None, random_state=0, progress=None, **settings):
     none = np.empty((0, 4)), np.empty((0, 2))
     X_val, T_val = none if X_val is None else (X_val, T_val)
-    return GBMSettings(**SMALL | settings).fit(X, T, X_val, T_val, random_state, progress)
+    return GBMSettings(**SMALL | settings).fit([(X, T)], [(X_val, T_val)], random_state, progress)
 
 
 def parameters(model):

@@ -168,9 +168,9 @@ def test_the_seed_decides_the_data_and_the_weights():
 class Spy:
     """Keeps what it is given to learn from."""
 
-    def fit(self, X, T, X_val, T_val, random_state, progress):
-        self.X, self.T, self.X_val, self.T_val = X, T, X_val, T_val
-        return TREES.fit(X, T, X_val, T_val, random_state)
+    def fit(self, training, validation, random_state, progress):
+        ((self.X, self.T),), ((self.X_val, self.T_val),) = training, validation
+        return TREES.fit(training, validation, random_state)
 
 
 @pytest.mark.parametrize("draws", [1, 2])

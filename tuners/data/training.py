@@ -114,7 +114,7 @@ def fit(
         if progress is not None:
             progress(f"training {name}", done, of)
 
-    learner = recipe.learner.fit_batches(training, validating, seed, report)
+    learner = recipe.learner.fit(training, validating, seed, report)
     return Stages(recipe.features, learner, recipe.parametrisation), {
         "name": name,
         "episodes": len(folder),

@@ -186,10 +186,9 @@ def train_stages(
     rows = np.flatnonzero(usable)
     check_usable(len(rows), len(usable))
     part = training_split(number.max() + 1, seed)
-    own, validating = (rows[p[number[rows]]] for p in (part, ~part))
-    learner = recipe.learner.fit(
-        features[own], targets[own], features[validating], targets[validating], seed, progress
-    )
+    own, others = (rows[p[number[rows]]] for p in (part, ~part))
+    training, validating = ([(features[r], targets[r])] for r in (own, others))
+    learner = recipe.learner.fit(training, validating, seed, progress)
     return Stages(recipe.features, learner, recipe.parametrisation), len(rows)
 
 
