@@ -5,7 +5,7 @@ import pytest
 from first_order import SIGMA, U, by_one, described, design, plant, simulate
 
 from yawrate_env.plant.episodes import SETS, episodes, integers_of, ranges_of, recorded, sample
-from yawrate_env.plant.plant import snr
+from yawrate_env.plant.noise import snr
 from yawrate_env.signals.streams import stream
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate

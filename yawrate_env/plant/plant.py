@@ -4,7 +4,7 @@ Everything is batched, ``(B, ...)``; functions that take one plant at a time are
 loop.  `docs/plants.md` says what each function must do.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, fields
 from typing import Any
 
@@ -16,24 +16,23 @@ from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.plant.calls import call, rows
 from yawrate_env.plant.checks import check_experiment, checked
 from yawrate_env.plant.metric import Metric
-from yawrate_env.plant.names import split
+from yawrate_env.plant.parameters import Parameters, Range
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.reward import defined, reward
 from yawrate_env.plant.sensitivity import Sensitivity
+from yawrate_env.plant.trial import try_functions
 from yawrate_env.signals.noise import add_white_noise
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.uint64]
 Noise = float | Callable[[Array], Array]
-Range = tuple[float, float]
 Out = NDArray[np.floating] | None
 
 
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plant:
+class Plant(Parameters):
     """A family of plants, the experiment on them, and the design rule that knows their gains.
 
     Each function is called once when a plant is described, with the parameters in the middle
@@ -60,7 +59,7 @@ class Plant:
         Sampling time of the experiment [s].
     noise : float or callable
         Standard deviation of the white measurement noise, or a function of noise-free
-        outputs (B, N) to (B,): see `snr`.
+        outputs (B, N) to (B,): see `yawrate_env.plant.snr`.
     evaluate : callable, optional
         ``evaluate(theta, gains)``: parameters (B, p) and gains (B, k) to metrics (B, f) of the
         loop; ``nan`` where the loop is unstable, ``inf`` where it is stable and a metric is
@@ -200,7 +199,7 @@ class Plant:
             object.__setattr__(self, name, value)
         if check:
             check_experiment(self.u, self.Ts, self.crossover)
-            self._try_in_the_middle()
+            try_functions(self)
 
     def respond(self, theta: Array, u: Array | None = None, rng: Any = None) -> Array:
         """Outputs (B, N) without measurement noise, by default of the experiment's input.
@@ -337,10 +336,6 @@ class Plant:
     def metric_setting(self, of: str) -> Array:
         """(f,) ``scale``, ``error`` or ``spread`` of the counted metrics."""
         return np.array([getattr(self.settings[name], of) for name in self.counted])
-
-    def label(self, name: str) -> str:
-        """A parameter's name in logs, checks and results, with its unit."""
-        return self.labels.get(name, name)
 
     @property
     def _counted(self) -> list[int]:
