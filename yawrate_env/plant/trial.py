@@ -1,6 +1,9 @@
-"""Trial call of all of a plant's functions when it is described, so that mistakes show at once."""
+"""Trial call of each of a plant's functions when it is described, so that mistakes show at once.
 
-from typing import TYPE_CHECKING, Any
+`yawrate_env.plant.plant` imports this module, so the type `Plant` is not named here.
+"""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,13 +11,10 @@ from numpy.typing import NDArray
 from yawrate_env import validation
 from yawrate_env.plant.calls import call
 
-if TYPE_CHECKING:
-    from yawrate_env.plant.plant import Plant
-
 Array = NDArray[np.float64]
 
 
-def try_functions(plant: "Plant") -> None:
+def try_functions(plant: Any) -> None:
     """Call each function in the middle of the prior; ``ValueError`` for a bad answer."""
     try:
         _call_all(plant)
@@ -24,7 +24,7 @@ def try_functions(plant: "Plant") -> None:
         raise ValueError(f"In the middle of the prior {why}.{hint}") from (error.__cause__ or error)
 
 
-def _call_all(plant: "Plant") -> None:
+def _call_all(plant: Any) -> None:
     """Call every function for two plants in the middle of the prior, and check the answers."""
     theta, N = np.repeat(plant.middle, 2, axis=0), len(plant.u)
     u, y = plant.u[None], _checked("simulate", plant.respond(theta), N)
@@ -49,7 +49,7 @@ def _call_all(plant: "Plant") -> None:
     plant.closed_loop(theta[0], gains[0])
 
 
-def _try_parametrisation(plant: "Plant", gains: Array) -> None:
+def _try_parametrisation(plant: Any, gains: Array) -> None:
     encode, decode = plant.parametrisation.encode, plant.parametrisation.decode
     coordinates = np.asarray(call("parametrisation.encode", encode, gains))
     decoded = call("parametrisation.decode", decode, coordinates)
