@@ -1,4 +1,4 @@
-"""Recorded episodes: what a tuner is given."""
+"""Recorded episodes, checked: the input of every tuner."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from yawrate_env import validation
 from yawrate_env.plant.names import split
+from yawrate_env.plant.observations import signals
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -100,9 +101,9 @@ class Recording:
         array = array[None] if single else array
         rows = _rows(plant)
         if array.ndim != 3 or array.shape[1] not in rows or not array.shape[2]:
-            wanted = ", ".join(map(str, sorted(rows)))
+            allowed = ", ".join(map(str, sorted(rows)))
             raise ValueError(
-                f"obs has shape {np.shape(obs)}, wanted (rows, N) or (B, rows, N) with {wanted} "
+                f"obs has shape {np.shape(obs)}, not (rows, N) or (B, rows, N) with {allowed} "
                 "rows, as the plant's environment gives them."
             )
         if array.shape[2] != len(plant.u):
@@ -118,10 +119,7 @@ class Recording:
             known = np.full((len(array), len(plant.prior)), np.nan)
             known[:, plant.indices(names)] = array[:, 2:, 0]
             _check_known(plant, names, known)
-        u = array[:, 0]
-        u = u[:1] if (u == u[:1]).all() else u
-        input, output = (x.astype(np.float64, order="C") for x in (u, array[:, 1]))
-        return cls(input, output, plant.Ts, known), single
+        return cls(*signals(array), plant.Ts, known), single
 
     def __len__(self) -> int:
         return len(self.y)
