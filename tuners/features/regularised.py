@@ -27,9 +27,7 @@ from yawrate_env import validation
 
 Array = NDArray[np.float64]
 
-_INFORMATIVE = (
-    0.02  # least information on a component, where its own variance and the noise's are one
-)
+_LEAST = 0.02  # information on a component, where its own variance and the noise's are one
 _DIGITS = 1e-4  # of the largest component's spread: others are rounding
 
 

@@ -27,9 +27,7 @@ _SLOWEST = 0.1  # sampling time, in periods of the crossover
 _COARSEST = 10.0  # sampling time, in those of the experiment, where there is no crossover
 _LONGEST = 200_000  # samples of one recording
 _MISSED = 0.01  # of the output's standard deviation: what a spline may miss between samples
-_TOO_SLOW = (
-    "The sampling is too slow: a spline misses part of the output between samples. Record faster."
-)
+_TOO_SLOW = "A spline misses part of the output between these slow samples: record faster."
 _STILL = 1e-9  # of the experiment's largest input or output: smaller variations are none
 
 
