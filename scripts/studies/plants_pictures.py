@@ -8,7 +8,7 @@ from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
 from studies.palette import COLOURS, INK, NOISE, STYLE, WIDTH
-from tuners.tuner.evaluation import GRAY_BOX, NOMINAL, TUNER, Comparison
+from tuners.tuner.comparison import GRAY_BOX, NOMINAL, TUNER, Comparison
 from yawrate_env.env import rendering
 from yawrate_env.plant.plant import Plant
 

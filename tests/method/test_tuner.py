@@ -11,7 +11,7 @@ from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.trust.intervals import GAUSSIAN
 from tuners.tuner import tuner_file
-from tuners.tuner.evaluation import GRAY_BOX, NOMINAL, ORACLE, TUNER, compare
+from tuners.tuner.comparison import GRAY_BOX, NOMINAL, ORACLE, TUNER, compare
 from tuners.tuner.method import Gains
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import GrayBox, Nominal, Oracle

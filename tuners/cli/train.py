@@ -83,7 +83,7 @@ def command(
 
 def accuracy(tuner: "Tuner", seed: int) -> str:
     """Root mean square errors on plants of the test set, beside the bound."""
-    from tuners.tuner.evaluation import TUNER, compare
+    from tuners.tuner.comparison import TUNER, compare
 
     found = compare(tuner, VALIDATION, seed)
     bound = np.sqrt(np.nanmean(found.bound**2, axis=0))
