@@ -55,6 +55,11 @@ class Laguerre:
         object.__setattr__(self, "order", order)
         validation.number("pole", self.pole, above=0.0, remedy="Give it in rad/s.")
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return self.order
+
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, order) of episodes sampled at `Ts` [s], and which are usable (B,)."""
         if y.shape[1] < 10 * self.order:

@@ -68,6 +68,11 @@ class Regularised:
         object.__setattr__(self, "mean", tuple(mean.tolist()))
         object.__setattr__(self, "directions", tuple(map(tuple, directions.tolist())))
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return len(self.directions)
+
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, r) of episodes sampled at `Ts` [s], and which are usable (B,)."""
         N = y.shape[1]

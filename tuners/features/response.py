@@ -38,6 +38,11 @@ class FrequencyResponse:
     high: float = 6.0
     points: int = 6
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return 2 * self.points
+
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, 2 points) of episodes sampled at `Ts` [s], and which are usable (B,)."""
         coefficients, usable = Laguerre(self.order, self.pole)(u, y, Ts)

@@ -149,6 +149,11 @@ class FeedForward:
     inputs: _Scaling
     outputs: _Scaling
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return int(self.W1.shape[1])
+
     def __call__(self, X: Array) -> Array:
         """Predict (B, t) targets from (B, n) features."""
         hidden = np.tanh(self.inputs(X) @ self.W1.T + self.b1)

@@ -124,6 +124,11 @@ class GBM:
     def __init__(self, models: list[Any], mean: Array, scale: Array) -> None:
         self.models, self.mean, self.scale = models, mean, scale
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return int(self.models[0].num_features())
+
     def __call__(self, X: Array) -> Array:
         """Predict (B, t) targets from (B, n) features."""
         threads = cores() if len(X) >= _ROWS_FOR_THREADS else 1

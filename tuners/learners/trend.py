@@ -81,6 +81,11 @@ class Trend:
     degree: int
     rest: feedforward.FeedForward | gbm.GBM
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return len(self.mean)
+
     def __call__(self, X: Array) -> Array:
         """Predict (B, t) targets from (B, n) features."""
         inputs = (X - self.mean) @ self.matrix

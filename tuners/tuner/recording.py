@@ -171,6 +171,14 @@ class Recording:
         return theta
 
 
+def variation(plant: Plant, name: str, values: Array) -> tuple[float, str]:
+    """Relative peak-to-peak variation of a measured parameter, and the name of what it is of."""
+    low, high = plant.prior[name]
+    mean = abs(float(values.mean()))
+    whole, name_of_whole = (mean, "its mean") if low > 0 else (high - low, "the prior's range")
+    return float(np.ptp(values)) / whole if whole > 0 else 0.0, name_of_whole
+
+
 def _rows(plant: Plant) -> dict[int, tuple[str, ...]]:
     """Numbers of rows that observations may have, to the parameters in those after the second."""
     measured = tuple(name for name in plant.prior if name in plant.measured)
@@ -226,13 +234,11 @@ def _mean(plant: Plant, name: str, value: ArrayLike, N: int) -> tuple[float, flo
         )
     for value in (values.min(), values.max()):
         plant.check_value(name, value)
-    mean, (low, high) = float(values.mean()), plant.prior[name]
-    whole, what = (abs(mean), "its mean") if low > 0 else (high - low, "the prior's range")
-    variation = float(np.ptp(values)) / whole if whole > 0 else 0.0
-    if variation > UNSTEADY:
+    varies, whole = variation(plant, name, values)
+    if varies > UNSTEADY:
         label = split(plant.label(name))[0]
         raise ValueError(
-            f"{name} varies by {variation:.0%} of {what}, at most {UNSTEADY:.0%} can be used. "
+            f"{name} varies by {varies:.0%} of {whole}, at most {UNSTEADY:.0%} can be used. "
             f"Cut a stretch of steady {label}."
         )
-    return mean, variation
+    return float(values.mean()), varies

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tuners.features.laguerre import Laguerre
 from tuners.trust import fallback
 from tuners.trust.black_box import black_box, functions_for
 from tuners.trust.checks import Assessment, Finding, assess
@@ -186,8 +187,8 @@ class Tuner:
         return fallback.fallback(self.plant)
 
     @cached_property
-    def black_box(self) -> Any:
-        """The basis of the reference model."""
+    def black_box(self) -> Laguerre:
+        """Laguerre basis of the reference model."""
         return functions_for(self.plant)
 
     def _excited(self, recording: Recording, found: Gains) -> Gains:
