@@ -20,7 +20,7 @@ from tuners.tuner.training import calibrate, recipe_for
 from tuners.tuner.tuner_file import TunerFileError
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import recorded
-from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 QUICK = Recipe(Laguerre(8, 2.0), FeedForwardSettings(neurons=6, epochs=40), noise_draws=2)
@@ -44,7 +44,7 @@ def test_every_learner_is_saved_with_its_plant(tmp_path):
     np.testing.assert_array_equal(found.values, expected.values)
 
 
-@pytest.mark.parametrize("crossover", [1.0, 4.2, 12.0, 24.0])
+@pytest.mark.parametrize("crossover", [1.0, 24.0])
 def test_white_noise_is_never_coloured(tuner, crossover):
     own = Tuner(described(linear=True, crossover=crossover), tuner.method)
     recording = Recording(U[None], recorded(plant, "test", 0, 64).y, TS)
@@ -52,11 +52,11 @@ def test_white_noise_is_never_coloured(tuner, crossover):
     assert (colour.values <= colour.limit).mean() > 0.98
 
 
-@pytest.mark.parametrize("ppm", [-100, -2, 2, 100])
-def test_clocks_may_differ_by_a_few_ppm(tuner, ppm):
+def test_clocks_may_differ_by_a_few_ppm(tuner):
     y = recorded(plant, "test", 0, 1).y[0]
-    exact, off = (tuner.tune(U, y, TS * (1 + one * 1e-6)) for one in (0, ppm))
-    assert off.gains == pytest.approx(exact.gains, rel=2e-3) and off.notes == ()
+    exact, *others = (tuner.tune(U, y, TS * (1 + ppm * 1e-6)) for ppm in (0, -100, -2, 2, 100))
+    for off in others:
+        assert off.gains == pytest.approx(exact.gains, rel=2e-3) and off.notes == ()
 
 
 def test_resampling_holds_what_held_over_the_larger_part():
@@ -88,16 +88,17 @@ def test_what_calibrates_nothing_is_refused():
 
 
 @pytest.mark.parametrize(
-    "task",
+    "changes",
     [
-        Task(prior=Prior(mu_s=(0.8, 0.8), M_delta=(100.0, 100.0))),
-        Task(prior=Prior(mu_s=(0.8, 0.8))),
-        Task(target=Target(phase_margin=5.0)),
+        {"prior": Prior(mu_s=(0.8, 0.8), M_delta=(100.0, 100.0))},
+        {"prior": Prior(mu_s=(0.8, 0.8))},
+        {"target": Target(phase_margin=5.0)},
     ],
 )
-def test_what_is_known_or_cannot_be_reached_does_not_stop_a_calibration(task):
+def test_what_is_known_or_cannot_be_reached_does_not_stop_a_calibration(changes):
+    task = Task(experiment=Experiment(Ts=0.01, N=1000), **changes)
     tuner = tuners.load("gb", yaw_rate(task))
-    calibrate(tuner, 128)
+    calibrate(tuner, 60)
     assert np.isfinite(tuner.calibration).all()
 
 
@@ -166,14 +167,12 @@ def test_a_log_too_slow_for_what_bends_between_its_samples_is_not_trusted(tuner)
     assert not between.passed and any("record faster" in reason for reason in result.reasons)
 
 
-@pytest.mark.parametrize("v_x, doubted", [(20.0, False), (149.0, False), (160.0, True)])
-def test_a_speed_beyond_a_cars_is_doubted_by_who_knows_every_speed(v_x, doubted):
+def test_a_speed_beyond_a_cars_is_doubted_by_who_knows_every_speed():
     cars = yaw_rate(Task())
-    test = recorded(cars, "test", 0, 1)
-    theta = np.where(np.arange(3) == 2, v_x, test.theta)
-    recording = Recording(test.u, test.y, cars.Ts, theta)
-    speed = tuners.load("gb").assess(recording)[1].findings["speed"]
-    assert (speed.values[0] > speed.limit) == doubted
+    test = recorded(cars, "test", 0, 3)
+    theta = np.column_stack([test.theta[:, :2], [20.0, 149.0, 160.0]])
+    speed = tuners.load("gb").assess(Recording(test.u, test.y, cars.Ts, theta))[1].findings["speed"]
+    assert (speed.values > speed.limit).tolist() == [False, False, True]
 
 
 @pytest.mark.parametrize("count, finite", [(0, False), (8, False), (9, True)])

@@ -16,7 +16,7 @@ from tuners.trust.fit import fit, noise_level
 from tuners.trust.intervals import GAUSSIAN, conformal
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import GrayBox, Nominal, Oracle
-from tuners.tuner.training import assessed, calibrate
+from tuners.tuner.training import calibrate
 from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import recorded, sample
@@ -28,7 +28,7 @@ from yawrate_env.vehicle.yaw_rate import theta_of, yaw_rate
 @pytest.mark.parametrize("start", ["rest", "unknown"])
 @pytest.mark.parametrize("family", LINEAR)
 def test_the_fitted_plant_is_as_far_off_as_its_covariance_says(family, start):
-    plant, episodes = FAMILIES[family], recordings(family, 40 if family in SLOW else 128)
+    plant, episodes = FAMILIES[family], recordings(family, 40 if family in SLOW else 64)
     model = black_box(plant, trained(family).black_box, episodes.u, episodes.y, start)
     found = fit(plant, model, episodes.y, episodes.parameters(plant))
     np.testing.assert_array_equal(found.theta[:, plant.known], episodes.known[:, plant.known])
@@ -166,15 +166,6 @@ def test_too_few_and_unstable_episodes_calibrate_nothing():
     )
     with pytest.raises(ValueError, match="unstable or have no gains"):
         calibrate(Tuner(brittle, Nominal()), 60)
-
-
-def test_assessments_come_in_parts_that_do_not_matter():
-    parts = list(assessed(trained("vehicle"), "test", 130, 0))
-    assert [len(block) for block, _, _ in parts] == [128, 2]
-    whole = recorded(FAMILIES["vehicle"], "test", 0, 130)
-    np.testing.assert_array_equal(np.concatenate([b.y for b, _, _ in parts]), whole.y)
-    actual = np.concatenate([actual for _, _, actual in parts])
-    assert actual.shape == (130, 2) and np.abs(actual - [60, 1.5]).max() < 1
 
 
 ALL_SPEEDS = Task(prior=Prior(v_x=(10.0, 33.0)))
