@@ -158,8 +158,8 @@ def test_an_agent_learns_what_earns_rewards_where_the_design_rule_earns_none():
     np.testing.assert_allclose(rule, -1 / (1 + 1 / 4))
     right_in_the_middle = 1.3 * DEMANDING.oracle(DEMANDING.middle).repeat(128, axis=0)
     fixed = DEMANDING.reward(theta, right_in_the_middle).mean()
-    assert reward_of(agent()) > max(0.7 * rule.mean(), 0.6 * fixed)
-    assert 0.6 * fixed > reward_of(trained(DEMANDING, episodes=16))
+    start = reward_of(trained(DEMANDING, episodes=16))
+    assert reward_of(agent()) > 0.7 * rule.mean() > max(fixed, start)
 
 
 def test_the_log_is_tensorboards(tmp_path):
@@ -319,11 +319,6 @@ def test_it_acts_in_both_environments_alike():
         own = learner.actor(features.reset(seed=seed)[0][None])[0]
         a, b = raw.step(action)[4], features.step(own.astype(np.float32))[4]
         assert a["kp"] == pytest.approx(b["kp"], rel=1e-5) and not a["clipped"]
-
-
-def test_an_unusable_recording_has_no_gains():
-    found = agent().tune(np.zeros(500), np.ones(500))
-    assert not found.converged and np.isnan(found.kp) and np.isfinite(found.fallback["kp"])
 
 
 def test_measured_parameters_are_features():

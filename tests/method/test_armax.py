@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tuners.features.armax import (
-    Armax,
-    FitStatus,
-    armax,
-    cost,
-    simulated,
-)
+from tuners.features.armax import Armax, FitStatus, armax, cost, simulated
 from yawrate_env.signals.excitation import prbs
 
 REFERENCE = np.load(Path(__file__).parents[1] / "references" / "armax_reference.npz")

@@ -38,12 +38,6 @@ def test_loop_coordinates_are_the_controllers_response(controller):
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
-def test_gains_are_taken_literally():
-    pairs = np.array([[0.2, 0.08], [3.0, 5.0]])
-    np.testing.assert_array_equal(GAINS.encode(pairs), pairs)
-    np.testing.assert_allclose(LOG.encode(pairs), np.log(pairs))
-
-
 @pytest.mark.parametrize("degrees", [-5.0, 3.0])
 def test_a_phase_error_is_the_same_error_of_phase_margin_for_every_plant(degrees):
     plant = yaw_rate(Task())

@@ -126,16 +126,6 @@ def test_every_combination_trains_repeats_and_is_saved(recipe, tmp_path):
     np.testing.assert_array_equal(loaded.method.learner(again.features), prediction)
 
 
-def test_the_stages_compose_for_other_plants():
-    recipe = Recipe(FrequencyResponse(8, 2.0, 0.05, 2.0), FeedForwardSettings(neurons=4, epochs=20))
-    tuner = tuners.train(recipe, lag, episodes=150)
-    block = recorded(lag, "test", 0, 128)
-    found = tuner.act(Recording(block.u, block.y, TS))
-    nominal = np.repeat(lag.oracle(lag.middle), 128, axis=0)
-    error, far = (lag.metric_values(block.theta, g) for g in (found, nominal))
-    assert np.sqrt((error**2).mean()) < 0.25 * np.sqrt((far**2).mean())
-
-
 def test_data_simulated_before_or_during_training_are_the_same_and_the_seed_decides(data):
     recipe = replace(RECIPES["ts-ff"], learner=NETWORK)
     given = tuners.train(recipe, PLANT, episodes=60, data=data, name="ts-ff")
