@@ -171,12 +171,10 @@ def test_the_log_is_tensorboards(tmp_path):
     "do, name",
     [
         (lambda: Training("dqn"), "algorithm = 'dqn'"),
-        (lambda: Training(features="fourier"), "features = 'fourier'"),
         (lambda: Training(features="regularised"), "features = 'regularised'"),
         (lambda: Training(features=3), "features"),
         (lambda: Training(episodes=8), "episodes = 8"),
         (lambda: Training(num_envs=0), "num_envs = 0"),
-        (lambda: Training(seed=-1), "seed = -1"),
         (lambda: trained(checkpoint=Path("gone/agent.zip")), "gone"),
         (lambda: trained(Task()), "entry"),
         (lambda: trained("gone:plant"), "'gone'"),

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from families import FAMILIES, SHORT, VEHICLE
+from families import tested as recordings
 from first_order import SIGMA, U, described, simulate, slopes
 from first_order import plant as lag
 
@@ -114,7 +115,9 @@ def test_the_cost_is_a_minimum_below_that_of_the_truth(plant, episodes):
             assert (cost(beside) > found.cost).all()
 
 
-def test_a_recordings_parameters_do_not_depend_on_the_batch(plant, episodes):
+@pytest.mark.parametrize("family", ["lag", "motor"])
+def test_a_recordings_parameters_do_not_depend_on_the_batch(family):
+    plant, episodes = FAMILIES[family], recordings(family)
     start = start_of(plant, episodes.known)
     whole = search(plant, episodes.u, episodes.y, start)
     for count in (1, 3):

@@ -22,14 +22,6 @@ def test_regressors_are_the_filters_of_the_definition():
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
-def test_the_first_sample_of_the_input_counts():
-    phi = Laguerre(order=3).regressors(np.eye(1, 100), TS)[0]
-    a = np.exp(-12.0 * TS)
-    # L_i starts with q^-1 sqrt(1 - a^2) (-a)^(i-1): nothing answers in the same sample.
-    np.testing.assert_array_equal(phi[:, 0], 0)
-    np.testing.assert_allclose(phi[:, 1], np.sqrt(1 - a * a) * (-a) ** np.arange(3), rtol=1e-12)
-
-
 @pytest.mark.parametrize("count", [2, 16, 17])
 def test_an_episodes_features_do_not_depend_on_the_batch(count):
     u, y = np.random.default_rng(6).standard_normal((2, 40, 2000))

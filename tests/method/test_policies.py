@@ -120,20 +120,11 @@ def test_actions_are_applied_as_the_environment_applies_them(name):
         np.testing.assert_array_equal(gains, [[info["kp"], info["Ti"]]])
 
 
-@pytest.mark.parametrize(
-    "answer",
-    [
-        np.ones((3, 2)),
-        ([1.0, 2.0], None),
-        (np.ones((2, 2)), None),
-        (np.full((3, 2), np.nan), None),
-        ("gains", None),
-    ],
-)
-def test_wrong_answers_are_refused(answer):
-    env = PITuningEnv(**SHORT)
-    with pytest.raises(ValueError, match="^p: "):
-        policies.Player("p", Answers(answer), env).act(recorded(env, 3)[0])
+def test_wrong_answers_are_refused():
+    env, several = PITuningEnv(**SHORT), np.full((3, 2), np.nan)
+    for answer in (np.ones((3, 2)), ([1.0, 2.0], None), (several, None), ("gains", None)):
+        with pytest.raises(ValueError, match="^p: "):
+            policies.Player("p", Answers(answer), env).act(recorded(env, 3)[0])
 
 
 def test_a_tuner_as_a_policy_is_evaluated_like_the_tuner(agents):
@@ -148,19 +139,11 @@ def test_a_tuner_as_a_policy_is_evaluated_like_the_tuner(agents):
     np.testing.assert_allclose(foreign.metrics, own.metrics, atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    "spec",
-    [
-        "my_agents",
-        "absent:Fixed",
-        "my_agents:Absent",
-        "my_agents:number",
-        "types:SimpleNamespace",
-    ],
-)
-def test_wrong_factories_are_refused(agents, spec):
-    with pytest.raises(ValueError, match=f"^'?{spec}"):
-        policies.of_factory(spec, PITuningEnv(**SHORT))
+def test_wrong_factories_are_refused(agents):
+    wrong = "absent:Fixed", "my_agents:Absent", "my_agents:number", "types:SimpleNamespace"
+    for spec in ("my_agents", *wrong):
+        with pytest.raises(ValueError, match=f"^'?{spec}"):
+            policies.of_factory(spec, PITuningEnv(**SHORT))
 
 
 def test_an_error_within_a_users_module_is_not_hidden(agents):
@@ -256,7 +239,7 @@ def script(*arguments):
     return CliRunner().invoke(program, [*map(str, arguments), "--out", "rows.csv"])
 
 
-def test_policy_and_model_go_through_the_script(agents):
+def test_policies_and_models_go_through_the_script(agents):
     saved("PPO", agents)
     done = script("--policy", "my_agents:Fixed", "--sb3", "PPO.zip", "--algo", PPO,
                   "--tuner", "nominal", "--episodes", 3)  # fmt: skip
@@ -268,17 +251,9 @@ def test_policy_and_model_go_through_the_script(agents):
     assert len(rows) == 9 and {r["kp"] for r in rows[3:6]} == {"0.23"}
     assert len({r["kp"] for r in rows[6:]}) == 3
     assert rows[0]["mu_s"] == rows[3]["mu_s"] == rows[6]["mu_s"]
-
-
-WRONG = {
-    "no algorithm": ["--sb3", "my_agents.py"],
-    "wrong answer": ["--policy", "my_agents:Wrong", "--episodes", "2"],
-}
-
-
-@pytest.mark.parametrize("case", WRONG)
-def test_wrong_policies_are_refused_by_the_script(case, agents):
-    done = script(*WRONG[case])
-    assert done.exit_code == 2 and done.stdout == "" and "Traceback" not in done.stderr
-    assert isinstance(done.exception, SystemExit)
-    assert not (agents / "rows.csv").exists()
+    for wrong in (["--sb3", "PPO.zip"], ["--policy", "my_agents:Wrong", "--episodes", "2"]):
+        (agents / "rows.csv").unlink(missing_ok=True)
+        done = script(*wrong)
+        assert done.exit_code == 2 and done.stdout == "" and "Traceback" not in done.stderr
+        assert isinstance(done.exception, SystemExit)
+        assert not (agents / "rows.csv").exists()

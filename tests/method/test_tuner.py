@@ -377,22 +377,6 @@ def own_units():
     return Parametrisation(lambda gains: gains, lambda values: values)
 
 
-@pytest.mark.parametrize(
-    "change, name",
-    [
-        ({"design": lambda t: 1.01 * linear.design(t)}, "design"),
-        ({"simulate": lambda t, u, rng: 1.01 * linear.simulate(t, u, rng)}, "simulate"),
-        ({"prior": {"K": (0.5, 2.1), "T": (0.2, 1.0)}}, "prior"),
-        ({"noise": 0.1}, "noise"),
-    ],
-)
-def test_a_plant_that_changed_since_is_noticed(tmp_path, change, name):
-    trained("lag").save(tmp_path / "lag.tuner")
-    settings = {"linear": True, "crossover": linear.crossover, "entry": linear.entry}
-    with pytest.raises(TunerFileError, match=name):
-        tuners.load(tmp_path / "lag.tuner", described(**settings | change))
-
-
 def test_a_plant_that_cannot_be_found_again_is_not_saved(tmp_path):
     method, path = trained("lag").method, tmp_path / "lag.tuner"
     with pytest.raises(ValueError, match="entry="):
