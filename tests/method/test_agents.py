@@ -54,13 +54,6 @@ def agent():
     return trained(DEMANDING, episodes=800, calibration=64)
 
 
-@cache
-def ran(algorithm):
-    """A training, its snapshots and its calls of progress."""
-    run, calls = Run(settings(algorithm, episodes=150), plant), []
-    return run, run.learn((142, 40, 4), lambda *call: calls.append(call)), calls
-
-
 def differ(a, b):
     pairs = a.method.arrays(), b.method.arrays()
     assert set(pairs[0]) == set(pairs[1])
@@ -85,7 +78,8 @@ def reward_of(tuner, count=128):
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_training_gives_snapshots_and_the_end(algorithm):
-    run, found, calls = ran(algorithm)
+    run, calls = Run(settings(algorithm, episodes=150), plant), []
+    found = run.learn((142, 40, 4), lambda *call: calls.append(call))
     # PPO ends with a whole rollout of 64.
     end = 192 if algorithm == "ppo" else 152
     assert [n for n, _ in found] == [4, 40, 142, end]

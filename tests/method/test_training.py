@@ -128,11 +128,13 @@ def test_every_combination_trains_repeats_and_is_saved(recipe, tmp_path):
 
 def test_data_simulated_before_or_during_training_are_the_same_and_the_seed_decides(data):
     recipe = replace(RECIPES["ts-ff"], learner=NETWORK)
-    given = tuners.train(recipe, PLANT, episodes=60, data=data, name="ts-ff")
+    given = tuners.train(recipe, PLANT, episodes=60, data=data, name="mine")
     own, other = (tuners.train(recipe, PLANT, episodes=60, seed=seed) for seed in (0, 1))
     np.testing.assert_array_equal(given.method.learner.W1, own.method.learner.W1)
     assert not np.allclose(own.method.learner.inputs.middle, other.method.learner.inputs.middle)
-    assert (given.training["name"], own.training["name"]) == ("ts-ff", "custom")
+    plain = tuners.train(RECIPES["ts-ff"], PLANT, episodes=60, data=data)
+    names = [tuner.training["name"] for tuner in (given, own, plain)]
+    assert names == ["mine", "custom", "ts-ff"]
 
 
 class Spy:
