@@ -40,13 +40,6 @@ def test_sets_share_no_episode_whatever_the_seeds():
     assert (trained.theta != tested.theta).all()
 
 
-def test_episodes_come_from_the_prior():
-    narrow = Prior(mu_s=(0.5, 0.6), M_delta=10.0, v_x=25.0)
-    found = recorded(yaw_rate(Task(prior=narrow, experiment=SHORT)), "test", 0, 200).theta
-    assert 0.5 <= found[:, 0].min() < 0.51 and 0.59 < found[:, 0].max() <= 0.6
-    assert (found[:, 1:] == [10.0, 25.0]).all()
-
-
 def test_extrapolation_lies_outside_the_prior_where_the_plant_says():
     mu_s, M_delta, v_x = recorded(CARS, "extrapolation", 0, 200).theta.T
     assert mu_s.min() >= 1.1 and M_delta.min() >= 300
