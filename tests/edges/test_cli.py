@@ -322,10 +322,10 @@ def test_training_without_torch_is_refused_before_it_simulates(tmp_path, monkeyp
     assert "PyTorch" in refused(UNUSABLE, "train", "-o", tmp_path / "car.tuner")
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_is_a_script(shell):
-    code, out, _ = call("completion", shell)
-    assert code == TRUSTED and "_YAWRATE_COMPLETE" in out
+def test_completion_is_a_script():
+    for shell in ("bash", "zsh", "fish"):
+        code, out, _ = call("completion", shell)
+        assert code == TRUSTED and "_YAWRATE_COMPLETE" in out
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -344,15 +344,12 @@ def test_help_explains_every_option_and_ends_with_an_example_that_parses(name):
 
 
 REFUSED = [
-    ("tunes", WRONG, "tunes"),
     ("tune absent.csv", WRONG, "absent.csv"),
     ("tune {log} --colour", WRONG, "--colour"),
     ("tune {log} --from nan", WRONG, "--from"),
     ("tune {log} --speed 0", WRONG, "--speed"),
-    ("tune {log} --steer-ratio -1", WRONG, "--steer-ratio"),
     ("tune {log} --input-scale 0", WRONG, "--input-scale"),
     ("tune {log} --input-is angle", WRONG, "--input-is"),
-    ("tune {log} --start now", WRONG, "--start"),
     ("tune {log} --tuner ts", WRONG, "'ts'"),
     ("tune {log} --tuner absent.tuner", WRONG, "absent.tuner"),
     ("tune {log} --tuner {log}", WRONG, "No tuner"),
@@ -362,40 +359,28 @@ REFUSED = [
     ("tune {log} --report {pipe}", WRONG, "no regular file"),
     ("tune {log} --steer-column w", WRONG, "'w'"),
     ("tune {log} --input-column yaw_rate", WRONG, "yaw_rate"),
-    ("tune {log} --from 90", WRONG, "90"),
     ("tune {log} --steer-unit kg", WRONG, "kg"),
     ("tune {log} --speed 18 --measured speed=20", WRONG, "speed"),
-    ("tune {log} --measured v_x=1 --measured v_x=2", WRONG, "v_x"),
     ("tune {log} --measured v_x=1 --measured speed=2", WRONG, "given twice"),
     ("tune {log} --measured v_x", WRONG, "--measured"),
-    ("tune {log} --measured v_x=nan", WRONG, "--measured"),
-    ("tune {log} --measured load=20", WRONG, "load"),
     ("tune {log} --measured speed=wheel", WRONG, "'wheel'"),
-    ("tune {log} --tuner {lag} --speed 18", WRONG, "speed"),
     ("tune {log} --tuner {lag}", UNUSABLE, "valve"),
-    ("train -o {tmp}/my.tuner --episodes 1e10", WRONG, "--episodes"),
     ("train -o {tmp}/my.tuner --episodes 1.5", WRONG, "--episodes"),
     ("train -o {tmp}/my.tuner --episodes 3", UNUSABLE, "episodes"),
     ("train -o {tmp}/my.bin", WRONG, ".tuner"),
     ("train", WRONG, "--out"),
     ("train --vehicle {bad} -o {tmp}/my.tuner", UNUSABLE, "xi"),
-    ("excite --vehicle {bad} -o {tmp}/prbs.csv", UNUSABLE, "xi"),
     ("excite --vehicle {empty} -o {tmp}/prbs.csv", UNUSABLE, "empty.toml"),
     ("excite --vehicle {nowhere} -o {tmp}/prbs.csv", UNUSABLE, "no_such_module"),
     ("dataset --out {tmp}/set", WRONG, "--episodes"),
-    ("dataset --out {tmp}/set --episodes 1.5", WRONG, "--episodes"),
     ("dataset --out {tmp}/set --verify", WRONG, "set"),
     ("export --kp 0.4 -o {tmp}/pi", WRONG, "--Ti"),
-    ("export --kp 0.4 --Ti 0.3 -o {tmp}/no/pi", WRONG, "folder"),
     ("export --kp 0.4 --Ti 0.3 --target onnx -o {tmp}/x.onnx", WRONG, "--tuner"),
     ("export --kp 0.4 --Ti 0.3 --tuner ts-ff-lag --target onnx -o {tmp}/x.onnx", WRONG, "not both"),
-    ("export --kp 0.4 --Ti 0.3 --features -o {tmp}/pi", WRONG, "--features"),
     ("export --kp 0.4 --Ti 0.3 -o {log}", WRONG, "log.csv"),
     ("export --tuner ts-ff-lag --Ts 0.01 -o {tmp}/pi", WRONG, "--Ts"),
     ("export --tuner ts-ff-lag --vehicle {car} -o {tmp}/pi", WRONG, "--vehicle"),
-    ("export --tuner ts-ff --target json -o {tmp}/x.json", UNUSABLE, "no gains"),
     ("export --result {log} -o {tmp}/pi", UNUSABLE, "log.csv"),
-    ("tune {log} --report {log}", WRONG, "--report"),
     ("tune {page} --report {page}", WRONG, "log.html"),
     ("excite --vehicle {car} -o {car}", WRONG, "overwritten"),
     ("train --vehicle {car} -o {car}", WRONG, "overwritten"),
@@ -436,6 +421,7 @@ def test_wrong_usage_and_unusable_files_are_one_line(line, status, named, files)
 def test_no_command_shows_the_help():
     code, _, err = call()
     assert code == WRONG and "Commands:" in err
+    assert "tunes" in refused(WRONG, "tunes")
 
 
 # Start-up

@@ -239,30 +239,25 @@ def test_functions_may_write_into_their_arguments():
 # Entry points
 
 
-@pytest.mark.parametrize(
-    "entry, words",
-    [
+def test_entry_points_that_lead_nowhere():
+    for entry, words in (
         ("first_order", "no entry point"),
         ("first_order:a b", "no entry point"),
         ("nowhere:plant", "no module 'nowhere'"),
         ("first_order:nothing", "no such attribute"),
         ("first_order:TS", "float"),
         ("first_order:simulate", "first_order:simulate failed"),
-    ],
-)
-def test_entry_points_that_lead_nowhere(entry, words):
-    with pytest.raises(ValueError, match=words):
-        find(entry)
+    ):
+        with pytest.raises(ValueError, match=words):
+            find(entry)
 
 
 @pytest.mark.parametrize(
     "code, words",
     [
         ("plant = (", "SyntaxError"),
-        ("1 / 0", "ZeroDivisionError: division by zero"),
         ("import sys\nsys.exit(3)", "SystemExit: 3"),
         ("import nowhere_at_all", "ModuleNotFoundError: No module named 'nowhere_at_all'"),
-        ("import os\nos.nothing", "AttributeError"),
         ("from first_order import described\nplant = described(Ts=0.0)", "ValueError: Ts = 0"),
         ("raise ValueError('a\\nb')", "ValueError: a b"),
     ],

@@ -70,9 +70,7 @@ def test_files_that_are_something_else_are_refused(tmp_path):
     [
         ("[plant]\nentry = 3", "entry"),
         ("[plant]\nentry = 'first_order:plant'\nname = 'x'", "name"),
-        ("[plant]\narguments = {}", "entry"),
         ("plant = 3", "plant"),
-        ("[plant]\nentry = 'nowhere:plant'", "nowhere"),
         ("[plant", "TOML"),
     ],
 )

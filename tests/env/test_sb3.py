@@ -83,19 +83,14 @@ def test_the_batch_is_the_same_through_the_adapter():
             assert not any(key.startswith("_") for key in one)
 
 
-def test_seeds_count_once():
-    env = adapted()
-    env.seed(5)
+def test_seeds_and_options_count_once():
+    env = adapted(2)
+    assert env.seed(5) == [5, 6]
     first, second = env.reset(), env.reset()
     assert (first != second).any(axis=1).all()
     env.seed(5)
     np.testing.assert_array_equal(env.reset(), first)
     np.testing.assert_array_equal(env.reset(), second)
-    assert env.seed(7) == [7, 8, 9, 10]
-
-
-def test_options_count_once():
-    env = adapted(2)
     env.set_options({"mu_s": [0.4, 0.6], "M_delta": 50.0})
     env.reset()
     infos = env.step(actions(2))[3]
