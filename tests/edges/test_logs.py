@@ -5,7 +5,6 @@ import sys
 import threading
 from dataclasses import replace
 
-import control
 import numpy as np
 import pytest
 from drives import drive
@@ -18,8 +17,6 @@ from tuners.logs.csv_file import find_layout
 from tuners.logs.options import Options
 from tuners.logs.table import Column, Table
 from tuners.logs.time_base import pace_of, time_base
-from yawrate_env.vehicle.actuator import actuated
-from yawrate_env.vehicle.single_track import Vehicle
 
 VEHICLE, LAG = CASES["vehicle"], CASES["lag"]
 RNG = np.random.default_rng(0)
@@ -473,17 +470,6 @@ def test_a_plant_that_starts_at_rest_is_read_from_its_start(path):
 
 
 # A measured actuator position
-
-
-def test_the_actuator_is_the_vehicles():
-    """A sine long after the start, against the transfer function of eq. (9)."""
-    vehicle, Ts, omega = Vehicle(), 0.001, 2 * np.pi * 2.0
-    t = Ts * np.arange(4000)
-    found = actuated(np.sin(omega * t), Ts, vehicle)[2000:]
-    G = control.tf([vehicle.omega_n**2], [1, 2 * vehicle.xi * vehicle.omega_n, vehicle.omega_n**2])
-    response = complex(G(1j * omega))
-    expected = np.abs(response) * np.sin(omega * t[2000:] + np.angle(response))
-    np.testing.assert_allclose(found, expected, atol=2e-5)
 
 
 @pytest.mark.parametrize("Ts", [0.001, 0.01])

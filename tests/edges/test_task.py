@@ -46,6 +46,7 @@ def test_two_bits_are_the_shortest_episode(N, bit_time):
         (Experiment, "Ts", 0.0),
         (Experiment, "Ts", np.nan),
         (Experiment, "N", 500.5),
+        (Experiment, "N", 10**8),
         (Experiment, "N", "500"),
         (Experiment, "amplitude", 0.0),
         (Experiment, "amplitude", 1.0),  # degrees, by mistake
@@ -56,6 +57,7 @@ def test_two_bits_are_the_shortest_episode(N, bit_time):
         (Target, "phase_margin", 181.0),
         (Target, "crossover", 46.0),
         (Target, "delay_samples", 0.5),
+        (Target, "delay_samples", 201),
         (Target, "delay_samples", True),
         (Target, "controller", "PI"),
         (Prior, "mu_s", 0.0),

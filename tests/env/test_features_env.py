@@ -8,7 +8,7 @@ import pytest
 from first_order import TS, described, gauged, plant
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import FlattenObservation, RescaleAction
+from gymnasium.wrappers import RescaleAction
 from recordings import recorded
 
 from tuners.agents.feature_map import ActionMap, FeatureMap
@@ -109,20 +109,13 @@ def gymnasiums():
     ("wrap", "env", "message"),
     [
         (FeatureObservation, Foreign, "Foreign"),
-        (UnitAction, Foreign, "Foreign"),
         (FeatureObservation, plain_batch, r"gymnasium.make\("),
-        (UnitAction, plain_batch, r"gymnasium.make\("),
         (FeatureVectorObservation, plain, r"gymnasium.make_vec\("),
-        (UnitVectorAction, plain, r"gymnasium.make_vec\("),
         (FeatureVectorObservation, gymnasiums, "SyncVectorEnv"),
-        (UnitVectorAction, gymnasiums, "SyncVectorEnv"),
         (FeatureVectorObservation, lambda: None, "NoneType"),
         (FeatureObservation, lambda: FeatureObservation(plain()), "observation_space"),
-        (FeatureObservation, lambda: FlattenObservation(plain()), "observation_space"),
-        (UnitAction, lambda: UnitAction(plain()), "action_space"),
         (UnitAction, lambda: RescaleAction(plain(), -1, 1), "action_space"),
         (FeatureVectorObservation, lambda: batch(2), "single_observation_space"),
-        (UnitVectorAction, lambda: batch(2), "single_action_space"),
     ],
 )
 def test_wrong_environments_are_refused(wrap, env, message):

@@ -26,7 +26,6 @@ from tuners.export import (
     literals,
     matlab_script,
     pi_program,
-    plant_settings,
 )
 from tuners.tuner.rivals import Nominal
 from yawrate_env.loop.target import Target
@@ -283,16 +282,6 @@ def test_damaged_answers_and_other_files_are_refused(tmp_path):
         path.write_text(text)
         with pytest.raises(ValueError, match=f"answer.json is no answer of.*{name}"):
             Gains.read(path)
-
-
-def test_what_an_answer_says_of_its_plant_is_enough(tmp_path):
-    path = tmp_path / "answer.json"
-    for plant in (VEHICLE, dc_motor.plant):
-        content = {"trusted": True, "gains": {"kp": 0.3, "Ti": 0.2}, "plant": plant_settings(plant)}
-        path.write_text(json.dumps(content))
-        found = Gains.read(path)
-        assert (found.Ts, found.target) == (plant.parametrisation.target.Ts, found.target)
-        assert (found.signals, found.limits) == (plant.signals, plant.command_limits)
 
 
 # The command

@@ -21,7 +21,6 @@ from exported import (
     trained,
 )
 from first_order import described
-from recordings import recorded
 
 import tuners
 from tuners.export import export, features_program, first_stage_program, onnx_model, tuner_program
@@ -113,13 +112,6 @@ def test_the_shipped_tuners_as_graphs(name, features, tmp_path):
     gains, status = ran(onnx.load(path), plant, **inputs, **measured(plant, found.theta))
     np.testing.assert_allclose(gains, right.values, rtol=rtol)
     np.testing.assert_array_equal(status, right.status)
-
-
-def test_the_graph_from_features_serves_another_experiment():
-    tuner, other = tuners.load("ts-ff-lag"), recorded(10, Experiment(register="random"))
-    features, _ = tuner.method.features(other.u, other.y, other.Ts)
-    gains, _ = ran(onnx_model(tuner, features=True), tuner.plant, features=features)
-    np.testing.assert_allclose(gains, tuner.gains(other).values, rtol=1e-6)
 
 
 # C
