@@ -18,7 +18,6 @@ from tuners.learners.trend import TrendSettings
 from tuners.trust.black_box import suited_to_any_input
 from tuners.tuner.stages import Stages, coordinates_of
 from yawrate_env.plant.episodes import recorded
-from yawrate_env.plant.parametrisation import GAINS
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
 
 sys.path.append(str(ROOT / "examples" / "plants"))
@@ -73,7 +72,6 @@ class Untrained:
 CASES = {
     "logarithms": (described(), LAGUERRE, SMALL),
     "measured": (SLOPED, LAGUERRE, TrendSettings(SMALL, degree=2)),
-    "the gains themselves": (described(parametrisation=GAINS), LAGUERRE, SMALL),
     "gains of a loop": (dc_motor.plant, MOTOR, SMALL, "gains"),
     "loop": (dc_motor.plant, MOTOR, TrendSettings(SMALL)),
     "frequency response": (dc_motor.plant, RESPONSE, SMALL),
