@@ -13,6 +13,7 @@ from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import check_name
 from yawrate_env.plant.noise import snr
 from yawrate_env.plant.parametrisation import Parametrisation
+from yawrate_env.vehicle.task import Task
 
 
 def first_gain(theta, gains):
@@ -313,3 +314,10 @@ def test_a_data_file_calls_no_function_that_gives_no_plant(tmp_path):
     with pytest.raises(ValueError, match="-> Plant"):
         find("os:mkdir", arguments={"path": str(there)})
     assert not there.exists()
+
+
+def test_an_installed_package_runs_in_the_folder_of_a_clone(tmp_path, monkeypatch):
+    (tmp_path / "yawrate_env").mkdir()
+    (tmp_path / "yawrate_env" / "__init__.py").write_text("raise RuntimeError")
+    monkeypatch.chdir(tmp_path)
+    assert find("yawrate_env.vehicle.yaw_rate:from_settings", arguments=Task().settings())

@@ -115,8 +115,11 @@ def from_toml(path: Path) -> Plant | None:
 def _put_on_path(top: str, folder: Path | None) -> None:
     """Find modules in `folder` and here; ``ValueError`` where one of that name is from elsewhere.
 
-    Otherwise the plant of another folder would silently be used.
+    Otherwise the plant of another folder would silently be used.  This package itself is what
+    runs, also in a clone's folder with the package installed elsewhere.
     """
+    if top == __name__.partition(".")[0]:
+        return
     places = [str(place.resolve()) for place in (folder, Path()) if place is not None]
     sys.path[:0] = [place for place in places if place not in sys.path]
     invalidate_caches()
