@@ -64,12 +64,8 @@ def test_noise_draws_give_way_to_vehicles():
 def test_a_row_counts_what_has_no_margin_and_leaves_it_out():
     off = np.array([[3.0, 0.1], [np.nan, np.nan], [4.0, 0.3]])
     found = row("x", off, np.ones((3, 2)), vehicles=7)
-    assert (found["name"], found["vehicles"], found["episodes"], found["unstable"]) == (
-        "x",
-        7,
-        3,
-        1,
-    )
+    counts = [found[name] for name in ("name", "vehicles", "episodes", "unstable")]
+    assert counts == ["x", 7, 3, 1]
     assert found["phase_margin"]["rms"] == pytest.approx(12.5**0.5)
     assert found["phase_margin"]["ratio"] == pytest.approx(12.5**0.5)
     off = errors(Half(), PLANT, 6, 0)

@@ -39,15 +39,11 @@ def test_rivals_simulate_the_same_vehicle():
         np.testing.assert_allclose(work(), ours, rtol=0, atol=1e-9 * np.abs(ours).max())
 
 
-def test_rivals_fit_the_same_models():
+@pytest.mark.slow  # python-control simulates twenty times
+def test_rivals_fit_and_identify_the_same():
     recording = recorded(1)
     ours, _ = Laguerre(8)(recording.u, recording.y, recording.Ts)
     np.testing.assert_allclose(rivals.laguerre(Laguerre(8), recording)(), ours[0], rtol=1e-9)
-
-
-@pytest.mark.slow  # python-control simulates twenty times
-def test_rivals_identify_the_same_vehicle():
-    recording = recorded(1)
     ours = identify(PLANT, recording.u, recording.y).theta[0, :2]
     # A search ends where a step promises a 1e-10 of the cost: 1e-5 of a standard deviation.
     np.testing.assert_allclose(rivals.gray_box(Task(), recording)(), ours, rtol=1e-5)
@@ -65,8 +61,10 @@ def test_an_input_in_every_episode_costs_less_than_one_after_the_other():
     assert found["scipy lfilter and numpy lstsq"]["ratio"]["median"] > 1
 
 
-def test_what_a_process_prints_is_read():
-    assert stages.in_fresh_process("print(1 + 1)") == "2\n"
+@pytest.mark.slow  # compiles
+def test_growth_is_measured_in_a_fresh_process():
+    found = stages.growth_in_fresh_process([10])
+    assert [row["size"] for row in found["episodes"]] == [10]
 
 
 def result():
@@ -74,10 +72,7 @@ def result():
     times["ratio"] = {"median": 1.0, "least": 1.0, "most": 1.0}
     row = {"size": 100, "count": 100, "seconds": 0.5, "megabytes": 200.0}
     return {
-        "machine": "a processor",
-        "versions": {"numpy": "2"},
-        "batch": 64,
-        "rounds": 2,
+        "machine": "a processor", "versions": {"numpy": "2"}, "batch": 64, "rounds": 2,
         "stages": {
             "Environment": {"batch environment": times},
             **{how: dict.fromkeys(stages.TUNERS, times) for how in stages.ANSWERS},
@@ -85,25 +80,16 @@ def result():
         "first": {"import": {"cold": 1.0, "cached": 0.5}},
         "growth": {"episodes": [row, row | {"size": 1000, "seconds": 5.0}], "samples": [row]},
         "training": {"ts-ff": 3.0},
-    }
+    }  # fmt: skip
 
 
-def test_the_page_has_all_that_was_measured_and_says_what_was_not():
+def test_the_page_and_picture_have_all_that_was_measured():
     text = page.to_markdown(result())
     assert all(f"## {how}" in text for how in stages.ANSWERS)
     assert text.count("| ts-ff-lag | 2 (1 to 3) | 1 (1 to 1) |") == 3
     assert "| 1000 episodes | 100 | 5.00 | 50 | 200 |" in text
     assert "| import | 1.00 | 0.50 |" in text and "| ts-ff | 3.0 |" in text
     assert "Not installed" in text and "pysib" in text
-
-
-@pytest.mark.slow  # compiles
-def test_growth_is_measured_in_a_fresh_process():
-    found = stages.growth_in_fresh_process([10])
-    assert [row["size"] for row in found["episodes"]] == [10]
-
-
-def test_the_picture_shows_every_tuner():
     picture = page.picture(result())
     assert isinstance(picture, Figure)
     labels = [text.get_text() for text in picture.axes[0].get_yticklabels()]

@@ -45,46 +45,39 @@ def test_a_sets_bound_does_not_depend_on_blocks():
     np.testing.assert_array_equal(bound_on(PLANT, "test", 0, 5, first=132), whole[132:137])
 
 
-def test_far_from_the_edges_the_prior_tells_nothing():
-    one = CORNERS[:1]
-    np.testing.assert_allclose(posterior_spread(PLANT, one), cramer_rao(PLANT, one), rtol=1e-9)
-
-
-def test_in_a_corner_the_prior_is_worth_much_and_never_harms():
+def test_the_prior_is_worth_much_in_a_corner_and_nothing_far_from_edges():
     ratio = posterior_spread(PLANT, CORNERS) / cramer_rao(PLANT, CORNERS)
+    np.testing.assert_allclose(ratio[0], 1, rtol=1e-9)
     assert (ratio[1:] < 0.9).all()
     found, bound = (of(PLANT, "test", 0, 60) for of in (posterior_on, bound_on))
-    assert (found <= bound * 1.0001).all()
+    assert (found <= bound * 1.0001).all()  # it never harms
 
 
-def test_a_known_parameter_has_no_posterior():
+def test_what_has_no_posterior_is_refused():
     plant = yaw_rate(Task(prior=Prior(mu_s=(0.5, 0.5))))
     with pytest.raises(ValueError, match=r"mu_s = \(0.5, 0.5\)"):
         posterior_spread(plant, plant.middle)
-
-
-def test_plants_outside_the_prior_are_refused():
     with pytest.raises(ValueError, match="theta"):
         posterior_on(PLANT, "extrapolation", 0, 2)
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.9, -0.99, 0.9999])
+@pytest.mark.parametrize("correlation", [0.0, -0.99, 0.9999])
 @pytest.mark.parametrize("mean", [(0.2, 0.2), (0.5, -3.0)])
 def test_truncated_gaussians_against_rejection(correlation, mean):
     root = np.linalg.cholesky([[0.09, 0.6 * correlation], [0.6 * correlation, 4.0]])
-    normal = np.random.default_rng(0).standard_normal((1_000_000, 2))
+    normal = np.random.default_rng(0).standard_normal((500_000, 2))
     inside = np.asarray(mean) + normal @ root.T
     inside = inside[((inside > 0) & (inside < 1)).all(axis=1)]
     found = truncated_covariance(np.array([mean]), root[None], np.zeros(2), np.ones(2))[0]
     whiten = np.linalg.inv(np.linalg.cholesky(np.cov(inside.T)))
-    # At least 18 000 are left: a standard error of 1 % for each entry at most.
+    # At least 9 000 are left: a standard error of 1.5 % for each entry at most.
     np.testing.assert_allclose(whiten @ found @ whiten.T, np.eye(2), atol=0.04)
 
 
 def test_posterior_against_the_exact_one_of_simulated_recordings():
     """No linearisation: Bayes' rule on a grid of vehicles, for recordings of three of them."""
     plant = yaw_rate(Task(experiment=Experiment(Ts=0.01, N=200, snr_db=18.0)))
-    side, recordings = 70, 300
+    side, recordings = 60, 300
     expected, unbiased = posterior_spread(plant, CORNERS), cramer_rao(plant, CORNERS)
     covariance = parameter_covariance(plant, CORNERS)
     reach = 6 * np.sqrt(covariance.diagonal(axis1=1, axis2=2)) * plant.width

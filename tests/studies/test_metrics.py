@@ -6,16 +6,9 @@ import pytest
 from studies.metrics import bootstrap_interval, ratio_of_rms, rms, rms_percent
 
 
-def test_rms_percent_of_a_known_example():
-    # Errors of -10 % and +20 %: root of (100 + 400)/2.
-    assert rms_percent(np.array([1.0, 5.0]), np.array([1.1, 4.0])) == pytest.approx(250**0.5)
-    assert rms_percent(np.array([-2.0, 3.0]), np.array([-2.0, 3.0])) == 0
-
-
 def test_rms_percent_is_relative_to_the_truth():
-    truth, estimate = np.array([0.1, 2.0]), np.array([0.12, 1.9])
-    assert rms_percent(1e3 * truth, 1e3 * estimate) == pytest.approx(rms_percent(truth, estimate))
-    assert rms_percent(truth, estimate) != pytest.approx(rms_percent(estimate, truth), rel=0.01)
+    # Errors of -10 % and +20 %: root of (100 + 400)/2.
+    assert rms_percent(np.array([1.0, -5.0]), np.array([1.1, -4.0])) == pytest.approx(250**0.5)
 
 
 @pytest.mark.parametrize("level, quantile", [(0.95, 1.960), (0.68, 0.994)])
@@ -32,21 +25,19 @@ def test_interval_of_mean_and_std_of_normal_values(level, quantile):
 def test_interval_covers_as_often_as_it_says():
     rng = np.random.default_rng(1)
     hits = 0
-    for _ in range(150):
+    for _ in range(100):
         low, high = bootstrap_interval(rng.standard_normal(60), np.mean)
         hits += low < 0 < high
-    # Percentile intervals of 60 values cover 94 %; the standard error of 150 trials is 2 %.
-    assert 0.88 <= hits / 150 <= 0.99
+    # Percentile intervals of 60 values cover 94 %; the standard error of 100 trials is 2.4 %.
+    assert 0.87 <= hits / 100 <= 0.99
 
 
 def test_interval_depends_on_its_seed_alone():
     values = np.random.default_rng(2).standard_normal(40)
     assert bootstrap_interval(values, np.std) == bootstrap_interval(values, np.std)
     assert bootstrap_interval(values, np.std) != bootstrap_interval(values, np.std, seed=1)
-
-
-def test_interval_of_equal_values_is_a_point():
-    assert bootstrap_interval(np.full(10, 3.0), np.mean) == (3.0, 3.0)
+    for equal in (np.full(10, 3.0), np.array([3.0])):
+        assert bootstrap_interval(equal, np.mean) == (3.0, 3.0)
 
 
 def test_ratio_of_rms_is_that_of_the_two_columns():
@@ -55,10 +46,6 @@ def test_ratio_of_rms_is_that_of_the_two_columns():
     assert ratio_of_rms(pairs, axis=1)[2] == pytest.approx(expected, rel=1e-12)
     low, high = bootstrap_interval(pairs[2], ratio_of_rms)
     assert low < expected < high
-
-
-def test_interval_of_one_value_is_that_value():
-    assert bootstrap_interval(np.array([2.5]), np.mean) == (2.5, 2.5)
 
 
 def test_columns_of_a_row_stay_together():
