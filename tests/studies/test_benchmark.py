@@ -1,13 +1,18 @@
-"""The benchmark: rivals that answer the same, ratios instead of times, and its page."""
+"""Measurements of speed and size: rivals that answer the same, ratios of times, pages."""
+
+import json
 
 import numpy as np
 import pytest
+from imports import modules_after
 from matplotlib.figure import Figure
 from recordings import recorded, vehicles
 
 from benchmarks import page, rivals, stages
 from benchmarks.stopwatch import Contender, race
 from benchmarks.throughput import measure
+from studies import dataset_scale
+from studies.dataset_scale import Size
 from tuners.features.laguerre import Laguerre
 from tuners.trust.identification import identify
 from yawrate_env.vehicle.task import Task
@@ -56,11 +61,6 @@ def test_simulation_leaves_python_control_behind():
     assert found["scipy sosfilt"]["ratio"]["median"] > 0.3  # above 1 where nothing else runs
 
 
-def test_an_input_in_every_episode_costs_less_than_one_after_the_other():
-    found = race(stages.laguerre_fits(32), 2, lambda done, of: None)
-    assert found["scipy lfilter and numpy lstsq"]["ratio"]["median"] > 1
-
-
 @pytest.mark.slow  # compiles
 def test_growth_is_measured_in_a_fresh_process():
     found = stages.growth_in_fresh_process([10])
@@ -104,3 +104,42 @@ def test_a_batch_beats_scalar_environments_one_after_the_other():
     assert found["SyncVectorEnv"]["ratio"]["median"] > 1
     assert found["plain loop over reset and step"]["ratio"]["median"] > 1
     assert all(f["milliseconds"]["least"] > 0 for f in found.values())
+
+
+# --- data sets
+
+
+SIZES = [Size(n, 2.0 + 1e-4 * n, 500.0, 120.0, 0.0) for n in (1000, 10_000, 100_000)]
+
+
+def test_a_line_through_sizes_of_equal_weight():
+    start, each, error = dataset_scale.fit(SIZES)
+    assert start == pytest.approx(2.0) and each == pytest.approx(1e-4) and error < 1e-12
+    start, each, error = dataset_scale.fit([*SIZES, Size(1_000_000, 112.2, 500.0, 120.0, 0.0)])
+    assert abs(start + 1e3 * each - 2.1) < 0.05 * 2.1 and 0.03 < error < 0.1
+
+
+def test_report_table_and_picture():
+    result = dataset_scale.report([*SIZES, Size(1_000_000, 110.0, 600.0, 120.0, 1e-12)])
+    assert json.loads(json.dumps(result)) == result
+    text = dataset_scale.to_markdown(result)
+    assert "| 100 000 | 12.0 | 8333 | 500 | 120 | equal |" in text
+    assert "off by 1.0e-12" in text and "µs × episodes" in text
+    left, right = dataset_scale.picture(result).axes
+    assert left.get_xlabel() == right.get_xlabel() == "episodes"
+    assert right.get_ylim()[1] > dataset_scale.MEMORY_LIMIT
+
+
+@pytest.mark.slow
+def test_a_size_is_measured(tmp_path):
+    found = dataset_scale.measure(200, tmp_path)
+    assert found.episodes == 200 and found.deviation == 0
+    assert found.seconds > 0 and found.peak > 50 and 50 < found.stored < 1000
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_importing_data_sets_is_light():
+    loaded = modules_after("import tuners.data")
+    assert "pyarrow" in loaded
+    heavy = {"torch", "xgboost", "distributed", "dask", "joblib", "minari", "pandas", "h5py"}
+    assert not loaded & (heavy | {"matplotlib", "tqdm"})

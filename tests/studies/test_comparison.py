@@ -11,7 +11,6 @@ from scipy.stats import trim_mean
 
 from studies import comparison, curve_plots, plots
 from studies.comparison import Score, curve, interquartile_mean
-from studies.metrics import bootstrap_interval
 from tuners.agents import training as rl_training
 from tuners.agents.settings import Training
 from tuners.cli.report import palette
@@ -35,13 +34,6 @@ def test_interquartile_mean():
         assert interquartile_mean(-3 * np.array(values) + 2) == pytest.approx(2 - 3 * expected)
     values = np.random.default_rng(0).normal(size=(3, 12))  # whole quarters: the trimmed mean
     np.testing.assert_allclose(interquartile_mean(values), trim_mean(values, 0.25, axis=1))
-
-
-def test_interval_has_the_width_of_a_trimmed_normal_mean():
-    values = np.random.default_rng(2).normal(size=2000)
-    low, high = bootstrap_interval(values, interquartile_mean)
-    # Asymptotic variance of the 25 % trimmed mean of a normal sample: 1.195/n.
-    assert (high - low) == pytest.approx(2 * 1.96 * np.sqrt(1.195 / 2000), rel=0.1)
 
 
 def test_curve_has_a_point_a_size():
@@ -136,9 +128,6 @@ def test_everything_is_trained_and_tested(tmp_path, monkeypatch):
     assert [seconds for _, seconds in again.values()] == [s.seconds for s in scores[-2:]]
 
 
-# --- the picture
-
-
 def all_scores():
     scores = [made(name, 0, error=e, std=e, seconds=0.0)
               for name, e in (("gb", 1e-4), ("oracle", 0.0), ("nominal", 1.0))]  # fmt: skip
@@ -182,14 +171,3 @@ def test_learning_curves_of_undefined_errors_and_of_one_seed(tmp_path, monkeypat
     figure = curve_plots.learning_curves([s for s in all_scores() if s.seed == 0])
     assert "one seed" in figure.get_supxlabel()
     plots.save(figure, tmp_path / "curves.png")
-
-
-def test_names_keep_apart():
-    for wanted, expected in (
-        ([], []),
-        ([0.1, 0.5], [0.1, 0.5]),
-        ([0.5, 0.5], [0.45, 0.55]),
-        ([0.1, 0.5, 0.52, 0.9], [0.1, 0.46, 0.56, 0.9]),
-        ([0.3, 0.45, 0.45, 0.45], [0.2625, 0.3625, 0.4625, 0.5625]),  # they push the first
-    ):
-        assert curve_plots.apart(np.array(wanted), 0.1) == pytest.approx(expected)

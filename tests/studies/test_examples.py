@@ -1,6 +1,7 @@
-"""The examples do what they say."""
+"""The examples do what they say, those of the README among them; its links lead somewhere."""
 
 import json
+import re
 import sys
 
 import gymnasium
@@ -16,6 +17,19 @@ from tuners.agents.sb3_vec_env import Sb3VecEnv
 from yawrate_env.plant.reward import distance
 
 EXAMPLES = ROOT / "examples"
+README = (ROOT / "README.md").read_text()
+
+
+@pytest.mark.parametrize("block", re.findall(r"```python\n(.*?)```", README, re.DOTALL))
+def test_the_readmes_examples_run(block):
+    exec(compile(block, "README.md", "exec"), {})
+
+
+def test_links_lead_somewhere_and_no_page_names_a_machines_path():
+    links = re.findall(r"\]\(((?!http)[^)#]+)\)", README)
+    assert links and all((ROOT / path).exists() for path in links)
+    for file in (*ROOT.glob("*.md"), *ROOT.glob("results/*.md"), *ROOT.glob("docs/*.md")):
+        assert not re.search(r"/(work|tmp|root|home)/", file.read_text()), file
 
 
 @pytest.fixture
@@ -102,12 +116,6 @@ def test_the_single_file_agents_density_is_that_of_its_actions(cleanrl):
     expected = normal - log_std - 0.5 * np.log(2 * np.pi) - np.log(1 - a**2)
     assert log_prob.item() == pytest.approx(expected, abs=1e-5)
     assert actor.best(obs).item() == pytest.approx(np.tanh(mean), abs=1e-6)
-
-
-def test_arguments_of_the_single_file_agent(cleanrl, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["x", "--total-episodes", "64", "--learning-rate", "0.01"])
-    args = cleanrl.parse_args()
-    assert (args.total_episodes, args.learning_rate, args.seed) == (64, 0.01, 1)
 
 
 def test_the_zoos_hyperparameters_are_stable_baselines3s():

@@ -50,9 +50,6 @@ def plain():
     return measure(TUNERS, TASK, SHORT["excitation register"], "same", FEW, 0)
 
 
-# --- what the conditions do
-
-
 @pytest.mark.parametrize("sweep", SWEEPS, ids=lambda s: s.name)
 def test_the_design_level_changes_nothing(sweep):
     truth, shown = made(sweep, sweep.design)
@@ -62,13 +59,6 @@ def test_the_design_level_changes_nothing(sweep):
     np.testing.assert_array_equal(shown.u, usual.u)
     np.testing.assert_array_equal(shown.known[:, 2], usual.known[:, 2])
     assert sweep.design in sweep.levels
-
-
-def test_a_level_that_changes_nothing_reproduces_the_plain_figures(plain):
-    for name in ("bias of steering", "yaw inertia", "true minus claimed speed"):
-        sweep = SHORT[name]
-        found = measure(TUNERS, TASK, sweep, sweep.design, FEW, 0)
-        assert found == [replace(c, condition=sweep.name, level=sweep.design) for c in plain]
 
 
 def test_coloured_noise_has_the_stated_power_and_spectrum():
@@ -144,9 +134,6 @@ def test_a_wrong_speed_is_claimed_and_another_one_true():
     np.testing.assert_array_equal(shown.y, draws.recorded(plant, drawn).y)
 
 
-# --- what tuners do under them
-
-
 def test_gray_box_sits_on_the_bound_and_a_wrong_twin_does_not(plain):
     gb = plain[0]
     bound = rms(bound_on(PLANT, "test", 0, FEW))
@@ -192,9 +179,6 @@ def test_a_cell_counts_what_missed_and_what_was_trusted():
     low, high = found.phase_margin.interval
     assert low <= found.phase_margin.rms <= high
     assert Accuracy.of(np.array([np.nan])) == Accuracy(None, None, None, None)
-
-
-# --- tables and the picture
 
 
 @pytest.fixture
