@@ -10,11 +10,11 @@ from recordings import recorded
 from scipy.signal import welch
 
 import tuners
-from studies import conditions, draws, off_design, off_design_page, pictures, plots
+from studies import conditions, draws, off_design_page, pictures, plots
 from studies.bounds import bound_on
 from studies.conditions import SPEED, SWEEPS
 from studies.metrics import rms
-from studies.off_design import Accuracy, cell, measure, study
+from studies.off_design import Accuracy, cell, measure
 from tuners.cli.report import palette
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
@@ -148,22 +148,6 @@ def test_gray_box_sits_on_the_bound_and_a_wrong_twin_does_not(plain):
     (found,) = measure({"ts-ff": tuners.load("ts-ff")}, TASK, short, 1.0, 3, 0)
     assert "samples" in found.refused and found.phase_margin.rms is None
     assert (found.trusted, found.unstable, found.misses) == (0, 0, 0)
-
-
-def test_the_design_point_is_measured_once(monkeypatch):
-    asked = []
-
-    def measured(tuners_, task, sweep, level, episodes, seed):
-        asked.append((sweep.name, level))
-        return [cell((sweep.name, level, "gb", episodes), np.ones((2, 4)), TARGET, None)]
-
-    monkeypatch.setattr(off_design, "measure", measured)
-    calls = []
-    found = study(TUNERS, TASK, episodes=7, progress=lambda *call: calls.append(call))
-    assert len(found) == sum(len(sweep.levels) for sweep in SWEEPS)
-    assert sum(level == SHORT[named(n)].design for n, level in asked) == 1
-    assert len(set(asked)) == len(asked) == len(found) - len(SWEEPS) + 1
-    assert calls[4] == (SWEEPS[0].name, 5, 5)
 
 
 def test_a_cell_counts_what_missed_and_what_was_trusted():

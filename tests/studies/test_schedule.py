@@ -81,6 +81,8 @@ def test_bins_hold_all_episodes_and_their_own_bound():
         assert b.phase_margin.bound == pytest.approx(np.sqrt((bound[inside, 0] ** 2).mean()))
         # Four standard errors of a ratio over that many episodes, of two parameters' errors.
         assert b.phase_margin.ratio == pytest.approx(1, abs=4 / np.sqrt(2 * b.episodes))
+    with pytest.raises(ValueError, match="episodes = 0"):
+        schedule.accuracy(GRAY, edges, episodes=0)
 
 
 def test_a_metre_a_second_costs_three_to_four_degrees(rows, tmp_path, monkeypatch):
@@ -105,8 +107,3 @@ def test_a_metre_a_second_costs_three_to_four_degrees(rows, tmp_path, monkeypatc
     np.testing.assert_array_equal(kp.get_lines()[1].get_ydata(), rows[0].kp)
     assert errors.get_yscale() == "log" and wrong.get_ylim()[0] == 0
     plots.save(figure, tmp_path / "schedule.png")
-
-
-def test_no_episodes_are_refused():
-    with pytest.raises(ValueError, match="episodes = 0"):
-        schedule.accuracy(GRAY, [10.0, 33.0], episodes=0)

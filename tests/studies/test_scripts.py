@@ -13,7 +13,8 @@ from first_order import lone
 from recordings import ROOT
 
 import tuners
-from studies import dataset_scale, off_design, results_page
+from studies import dataset_scale, off_design, plots, results_page
+from studies.conditions import SWEEPS
 from studies.program import Json, environment
 from tuners.tuner.evaluation import evaluate
 from yawrate_env.vehicle.nonlinear import NonlinearTwin, Tyre
@@ -26,6 +27,8 @@ MODELS = ROOT / "tuners" / "models"
 @pytest.fixture
 def called(tmp_path, monkeypatch, capsys):
     """Run a script in this process, in an empty folder: status, stdout and stderr."""
+
+    monkeypatch.setattr(plots, "DPI", 20)  # faster
 
     def call(script, *arguments):
         monkeypatch.chdir(tmp_path)
@@ -217,14 +220,21 @@ def test_accuracy_asks_about_trust(called, tmp_path):
     assert found["coverage"][0]["episodes"] == 50 and found["coverage"][0]["crossover"] > 0.7
 
 
-def test_off_design_writes_everything(called, tmp_path, monkeypatch):
+def test_off_design_measures_the_design_point_once_and_writes_everything(
+    called, tmp_path, monkeypatch
+):
+    asked = []
+
     def measured(tuners_, task, sweep, level, episodes, seed):
+        asked.append(level == sweep.design)
         which = sweep.name, level, "gb", episodes
-        return [off_design.cell(which, np.full((2, 4), 1.0), (60.0, 1.5), np.ones(2))]
+        return [off_design.cell(which, np.ones((2, 4)), (60.0, 1.5), np.ones(2))]
 
     monkeypatch.setattr(off_design, "measure", measured)
     places = ("--results", ".", "--figures", ".", "--every-speed", "nominal")
     status, out, _ = called("off_design", "--episodes", 2, "--tuner", "gb", *places)
+    cells = json.loads((tmp_path / "off_design.json").read_text())["cells"]
+    assert sum(asked) == 1 and len(asked) == len(cells) - len(SWEEPS) + 1
     names = {
         f"{page}.{kind}" for page in ("off_design", "schedule") for kind in ("json", "md", "png")
     }
@@ -262,7 +272,7 @@ def test_dataset_scale_measures_what_is_missing(called, tmp_path, monkeypatch):
     assert measured == [1000, 10_000, 100_000, 1_000_000]
     stored = json.loads((tmp_path / "r" / "datasets.json").read_text())
     assert [size["episodes"] for size in stored["sizes"]] == measured
-    assert (tmp_path / "f" / "datasets.png").stat().st_size > 10_000
+    assert (tmp_path / "f" / "datasets.png").read_bytes()[:4] == b"\x89PNG"
     assert (tmp_path / "r" / "datasets.md").read_text() in out
 
 
