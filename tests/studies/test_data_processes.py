@@ -181,7 +181,7 @@ def test_processes_find_the_module_where_it_is(own_module):
 
 
 def test_a_cluster_that_was_started_elsewhere(scheduler, own_module, tmp_path):
-    """A worker finds the module by its folder, also where another has its name."""
+    """A worker finds the module by its folder, also where another of that name comes first."""
     own, apart = find("my_plant:plant", own_module), tmp_path / "apart"
     apart.mkdir()
     (apart / "my_plant.py").write_text(PLANT.format('prior={"K": (2.0, 3.0), "T": (0.2, 1.0)}, '))

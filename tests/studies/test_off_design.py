@@ -75,19 +75,19 @@ def test_coloured_noise_has_the_stated_power_and_spectrum():
     assert first.var() == pytest.approx(1, abs=4 * np.sqrt(2 / 2000))  # stationary from the start
 
 
-def test_noise_is_as_strong_as_stated():
-    _, clean = made(SHORT["signal-to-noise ratio"], 200.0, count=100)
-    # A corner leaves few independent samples; of white noise there are 10 000 in every episode.
-    for name, level, power, rtol in (
-        ("corner of coloured noise", 2.0, 1e-3, None),
-        ("signal-to-noise ratio", 10.0, 1e-1, 4 * np.sqrt(2 / 10_000)),
-        ("signal-to-noise ratio", 50.0, 1e-5, 4 * np.sqrt(2 / 10_000)),
-    ):
-        _, shown = made(SHORT[name], level, count=100 if rtol is None else 4)
-        used = clean.y[: len(shown.y)]
-        share = ((shown.y - used) ** 2).mean(axis=1) / (used**2).mean(axis=1)
-        found, rtol = (share.mean(), 0.1) if rtol is None else (share, rtol)
-        np.testing.assert_allclose(found, power, rtol=rtol)
+@pytest.mark.parametrize(
+    ("name", "level", "power", "count", "rtol"),
+    [
+        ("signal-to-noise ratio", 10.0, 1e-1, 4, 4 * np.sqrt(2 / 40_000)),
+        ("signal-to-noise ratio", 50.0, 1e-5, 4, 4 * np.sqrt(2 / 40_000)),
+        ("corner of coloured noise", 2.0, 1e-3, 100, 0.1),
+    ],
+)
+def test_noise_is_as_strong_as_stated(name, level, power, count, rtol):
+    _, shown = made(SHORT[name], level, count)
+    _, clean = made(SHORT["signal-to-noise ratio"], 200.0, count)
+    share = ((shown.y - clean.y) ** 2).mean(axis=1) / (clean.y**2).mean(axis=1)
+    assert share.mean() == pytest.approx(power, rel=rtol)
 
 
 def test_a_shorter_episode_is_the_beginning_of_the_longer():
