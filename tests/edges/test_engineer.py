@@ -8,6 +8,7 @@ from command import TRUSTED, call, tuned
 from drives import PAPER, drive
 from log_files import write
 
+import tuners
 from tuners.cli.tune import DEFAULT
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.vehicle_file import example
@@ -86,16 +87,21 @@ def test_a_wrong_sign_a_wrong_unit_and_a_dead_sensor_are_not_trusted(tmp_path, t
     assert not found["trusted"] and found["reasons"] and found["fallback"]["kp"] > 0
 
 
-def test_a_tuner_of_ones_own_lands_as_well(tmp_path):
+def test_a_tuner_of_ones_own_lands_as_well(tmp_path, monkeypatch):
     """Another car, a narrow prior, few vehicles; the drive is not the training's either."""
+    monkeypatch.setattr("tuners.cli.train.CALIBRATION", 200)
+    monkeypatch.setattr("tuners.cli.train.VALIDATION", 60)
     vehicle = replace(PAPER, J_z=2900.0, l_f=1.3)
     text = example().replace("J_z = 2400.0", "J_z = 2900.0").replace("l_f = 1.18", "l_f = 1.3")
+    text = text.replace("N = 10_000", "N = 1_000").replace("Ts = 0.001", "Ts = 0.01")
     (tmp_path / "car.toml").write_text(text.replace("v_x = 20.0", "v_x = 18.0"))
     made = tmp_path / "car.tuner"
-    code, _, err = call(
+    code, out, err = call(
         "train", "--vehicle", tmp_path / "car.toml", "--episodes", 400, "-o", made
     )  # fmt: skip
-    assert code == TRUSTED, err
+    assert code == TRUSTED and "training" in err and "calibrating" in err, err
+    assert "0 of 60 loops unstable" in out and out.count(" rms (bound ") == 2
+    assert tuners.load(made).plant.arguments["vehicle"]["J_z"] == 2900.0
     u, _, y = drive(vehicle=vehicle)
     log = log_of(tmp_path, u, y, 18.0)
     found = tuned(log, made)

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 from first_order import TS, U, described, simulate
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tuners.logs import LogError, Options, SelectionError, read_log, units
@@ -58,11 +58,12 @@ SPELLINGS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("si", SPELLINGS)
-def test_units_that_logs_of_vehicles_have(si):
-    for spellings, factor in SPELLINGS[si].items():
-        for spelling in spellings.split():
-            assert conversion(spelling, si) == (pytest.approx(factor, rel=1e-12), 0.0), spelling
+def test_units_that_logs_of_vehicles_have():
+    for si, names in SPELLINGS.items():
+        for spellings, factor in names.items():
+            for spelling in spellings.split():
+                expected = pytest.approx(factor, rel=1e-12), 0.0
+                assert conversion(spelling, si) == expected, spelling
 
 
 @pytest.mark.parametrize(
@@ -102,19 +103,17 @@ def test_what_is_no_unit_or_another_kind_is_said(unit, wanted, said):
     with pytest.raises(UnitError, match=said):
         conversion(unit, wanted)
     assert not alike(unit, wanted)
+    assert conversion("zork", "zork") == (1.0, 0.0)  # a unit that is unknown to all is itself
 
 
 @given(st.text(max_size=40) | st.from_regex(units._FORM, fullmatch=True))
+@settings(max_examples=60)
 def test_any_text_is_a_unit_or_none(text):
     try:
         factor, offset = conversion(text, "V")
     except UnitError:
         return
     assert np.isfinite([factor, offset]).all()
-
-
-def test_a_unit_unknown_to_all_is_itself():
-    assert conversion("zork", "zork") == (1.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -168,27 +167,17 @@ def test_columns_are_chosen_with_their_units_or_without(read):
     named["torque [mNm]"] *= 1e3
     with pytest.raises(SelectionError, match=r"No column 'flow \(raw\)'"):
         read(named, columns=columns)
-    columns = {"input": "pump", "output": "flow (raw) [rpm]"}
+    columns["output"] = "flow (raw) [rpm]"
     same(read(named, columns=columns | {"load": "torque"}))
+    with pytest.raises(SelectionError, match="No column 'pump'"):  # two of a name
+        read(named | {"pump [V]": U}, columns=columns)
 
 
-def test_two_columns_of_a_name_are_told_apart_by_their_units(read):
-    columns = {"input": "pump", "output": "speed"}
-    with pytest.raises(SelectionError, match="No column 'pump'"):
-        read(logged("pump [V]") | {"pump [mV]": 1e3 * U}, columns=columns)
-
-
-@pytest.mark.parametrize("unit, seconds", [("min", 60.0), ("h", 3600.0)])
-def test_slow_plants_have_logs_in_minutes_and_hours(read, unit, seconds):
+def test_slow_plants_have_logs_in_hours(read):
     columns = logged("motor_voltage", "speed")
-    log = read({f"time [{unit}]": columns.pop("t") / seconds} | columns)
+    log = read({"time [h]": columns.pop("t") / 3600.0} | columns)
     assert log.Ts == pytest.approx(TS)
     same(log)
-
-
-def test_a_measured_value_in_another_unit_is_told_which():
-    with pytest.raises(ValueError, match="at most 7.5. Give it in N m, or describe"):
-        DRIVEN.check_value("load [N m]", 2000.0)
 
 
 def test_channels_of_mdf_state_theirs(tmp_path):
@@ -219,13 +208,10 @@ def without_pint(monkeypatch):
     [("motor voltage", "speed", "load"), ("u", "y", "load [-]"),
      ("Motor Voltage [V]", "speed (rad/s)", "load [N m]")],
 )  # fmt: skip
-def test_what_says_nothing_or_the_same_is_left_alone(read, without_pint, names):
+def test_only_a_conversion_needs_pint(read, without_pint, names):
     log = read(logged(*names))
     same(log)
     assert log.notes == ()
-
-
-def test_only_a_conversion_needs_pint(read, without_pint):
     with pytest.raises(LogError, match=r'units are converted by Pint: pip install "yawrate\[tune'):
         read(logged("motor voltage [mV]"))
 
@@ -247,6 +233,8 @@ def test_measured_parameters_are_converted(read):
         LogError, match="'A', but the plant's load is in N m.*--measured load=VALUE"
     ):
         read(logged(load="load [A]"))
+    with pytest.raises(ValueError, match="at most 7.5. Give it in N m, or describe"):
+        DRIVEN.check_value("load [N m]", 2000.0)
 
 
 @pytest.mark.parametrize(

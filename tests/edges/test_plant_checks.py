@@ -11,8 +11,8 @@ from yawrate_env.plant.action_bounds import action_bounds
 from yawrate_env.plant.entry import find, home, named
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import check_name
+from yawrate_env.plant.noise import snr
 from yawrate_env.plant.parametrisation import Parametrisation
-from yawrate_env.plant.plant import snr
 
 
 def first_gain(theta, gains):
@@ -39,29 +39,21 @@ def at(function):
     return lambda *arguments: function(simulate(*arguments))
 
 
+OPTIONAL = "evaluate", "excite", "record", "loop", "action_bounds", "actuator", "remarks"
 SETTINGS = [
     ("prior", {}, "at least one"),
     ("prior", {"K": (2.0, 0.5), "T": (0.2, 1.0)}, "prior K"),
     ("prior", {1: (0.5, 2.0), "T": (0.2, 1.0)}, "prior = 1"),
     ("search_limits", {"K": "a"}, "search_limits K"),
-    ("search_limits", {"K": (3, 1)}, "search_limits K"),
     ("search_limits", {"K": (1, 2, 3)}, "search_limits K"),
-    ("search_limits", {"K": np.nan}, "search_limits K"),
-    ("search_limits", {"K": np.array(1.0)}, "search_limits K"),
     ("search_limits", {"K": (0.6, 3.0)}, r"search_limits K .* \[0.5, 2\]"),
-    ("search_limits", {"x": (0, 1)}, "'x'.*Choose one of K, T"),
     ("search_limits", [("K", (0, 9))], "dict"),
-    ("extrapolation", {"x": (0, 1)}, "'x'.*Choose one of K, T"),
     ("extrapolation", {"K": (1, 0)}, "extrapolation K"),
-    ("labels", {"x": "mass [kg]"}, "'x'.*Choose one of K, T"),
     ("labels", {"K": 3}, "labels K = 3"),
     ("measured", {"x": 0.1}, "'x'.*Choose one of K, T"),
     ("measured", {"K": -0.1}, "measured K = -0.1"),
-    ("measured", {"K": "a"}, "measured K = 'a'"),
-    ("measured", ("K",), "dict"),
     ("u", U[:15], "15 must be .* at least 16"),
     ("u", 0 * U, "zero everywhere"),
-    ("u", [[1.0]], "shape"),
     ("u", U * np.nan, "finite"),
     ("crossover", 26.0, "= 26 must be .* below 25"),
     ("Ts", 0.0, "= 0"),
@@ -69,56 +61,38 @@ SETTINGS = [
     ("Ts", np.complex128(1), "not a number"),
     ("black_box", 5, "= 5"),
     ("black_box", (0, 2.0), "first of black_box = 0"),
-    ("black_box", (5, -2.0), "second of black_box = -2"),
     ("plausible", 3, "= 3"),
     ("plausible", (1.0, -1.0), "second of plausible = -1"),
     ("target", (1.0,), "shape"),
-    ("simulate", None, "Give a function"),
-    ("design", 1, "Give a function"),
-    ("evaluate", 1, "or None"),
-    ("excite", 1, "or None"),
-    ("record", "a", "or None"),
-    ("loop", 1, "or None"),
-    ("action_bounds", 1, "or None"),
+    *((name, None, "Give a function") for name in ("simulate", "design")),
+    *((name, 1, "or None") for name in OPTIONAL),
+    *((name, 3, "dict") for name in ("measured", "arguments", "synonyms", "cautions")),
     ("linear", "no", "True or False"),
     ("batched", 1, "True or False"),
-    ("signals", "uy", "pair"),
     ("signals", ("u", "y", "z"), "pair"),
     ("signals", ("u", 3), "second of signals = 3"),
     ("entry", None, "= None"),
-    ("arguments", 3, "dict"),
-    ("synonyms", 3, "dict"),
     ("messages", {"misfit": 3}, "misfit = 3"),
-    ("cautions", ("input",), "dict"),
-    ("actuator", 1, "or None"),
-    ("remarks", 1, "or None"),
     ("command_limits", (1.0, -1.0), "low above high"),
     ("display", ("speed [rpm]", 9.55), "first of display"),
-    ("display", (("voltage", 1.0), ("speed", 0.0)), "second of second of display"),
     ("gains", "kp", "names"),
     ("gains", {"kp", "Ti"}, "names"),
-    ("gains", ("kp", 1), r"gains\[1\] = 1"),
     ("gains", ("kp", " "), r"gains\[1\] = ' '"),
     ("parametrisation", np.log, "LOG"),
     ("metrics", {"margin": 1.0}, "'margin'.*Choose one of kp, Ti"),
     ("noise", -1.0, "= -1"),
-    ("noise", None, "= None"),
 ]
 
 NAMES = [
     ({"gains": ("kp", "kp")}, "'kp' is the name of a gain and of a gain"),
-    ({"gains": ("kp", "K")}, "'K' is the name of a gain and of a parameter"),
-    ({"gains": ("kp", "stable")}, "'stable'"),
     ({"gains": ("kp", "oracle_kp")}, "'oracle_kp' begins with oracle_"),
     ({"labels": {"K": "a [b]", "T": "a [c]"}}, "'a .c.'"),
     ({"evaluate": first_gain}, "metrics"),
     ({"metrics": ("x",), "evaluate": first_gain}, "metrics = .*dict"),
-    ({"metrics": {"x": "a"}, "evaluate": first_gain}, "metrics x = 'a'"),
     ({"metrics": {"x": 0.0}, "evaluate": first_gain}, "metrics x = 0"),
     ({"metrics": {"": 1.0}, "evaluate": first_gain}, "metrics = ''"),
     ({"metrics": {"kp": 1.0}, "evaluate": first_gain}, "'kp' is the name of a metric and"),
     ({"metrics": {"clipped": 1.0}, "evaluate": first_gain}, "'clipped'"),
-    ({"metrics": {"a [x]": 1.0, "a [y]": 1.0}, "evaluate": first_gain}, "'a .y.'"),
     ({"metrics": {"a b": 1.0, "a_b": 1.0}, "evaluate": first_gain}, "'a_b'"),
     (
         {"prior": {"noise": (0.5, 2.0), "T": (0.2, 1.0)}, "measured": {"noise": 0.0}},
@@ -134,24 +108,15 @@ ANSWERS = [
     ("simulate", at(lambda y: y * np.nan), "nan"),
     ("simulate", at(lambda y: np.random.default_rng().normal(size=y.shape)), "random"),
     ("simulate", at(lambda y: y + 0j), "complex128"),
-    ("simulate", at(lambda y: y > 0), "bool"),
-    ("design", raises(KeyError("J")), "KeyError: 'J'"),
     ("design", lambda t: design(t)[:, :1], r"not \(2, 2\)"),
-    ("design", lambda t: design(t).astype(str), "of <U"),
     ("design", lambda t: np.ma.masked_less(design(t), 9e9), "4 masked"),
     ("design", lambda t: np.inf * design(t), "inf"),
-    ("design", lambda t: (design(t), True), "bool"),
-    ("noise", raises(TypeError("no")), "TypeError: no"),
     ("noise", lambda y: "a", "numbers"),
     ("noise", lambda y: np.ones(3), r"\(3,\)"),
     ("noise", lambda y: -np.ones(len(y)), "= -1"),
-    ("excite", raises(OSError("no")), "OSError: no"),
     ("excite", lambda integers: U, "an input for each integer"),
-    ("excite", lambda integers: np.zeros((2, 5)), "shape"),
     ("record", raises(IndexError("no")), "IndexError: no"),
     ("record", lambda *a: measured(*a)[:1], "shape"),
-    ("record", lambda *a: measured(*a) * np.nan, "nan"),
-    ("record", lambda *a: measured(*a) + 0j, "complex"),
     ("loop", lambda theta, gains: gains, "ClosedLoop"),
     ("loop", lambda theta, gains: 1 / 0, "ZeroDivisionError"),
     ("parametrisation", Parametrisation(raises(TypeError("a\nb")), np.exp), "TypeError: a b"),
@@ -177,20 +142,16 @@ def test_functions_of_one_plant_are_checked_too():
     settings = {"batched": False, "simulate": by_one(simulate)}
     with pytest.raises(ValueError, match="design's answer has 2 masked"):
         described(design=by_one(lambda t: np.ma.masked_less(design(t), 9e9)), **settings)
+    with pytest.raises(ValueError, match="evaluate failed: AssertionError"):
+        described(evaluate=raises(AssertionError()), metrics={"x": 1.0})
 
 
 def test_gains_of_any_sign_need_their_own_parametrisation():
+    own = {"design": lambda theta: -design(theta)}
     with pytest.raises(ValueError, match="parametrisation"):
-        described(design=lambda theta: -design(theta))
-    described(
-        design=lambda theta: -design(theta),
-        parametrisation=Parametrisation(lambda gains: gains, lambda values: values),
-    )
-
-
-def test_an_evaluation_that_fails_is_named():
-    with pytest.raises(ValueError, match="evaluate failed: AssertionError"):
-        described(evaluate=raises(AssertionError()), metrics={"x": 1.0})
+        described(**own)
+    same = Parametrisation(lambda gains: gains, lambda values: values)
+    described(**own, parametrisation=same)
 
 
 def test_what_a_function_raised_is_kept():
@@ -213,12 +174,15 @@ def test_what_is_good_is_still_described():
     )
     assert good.gains == ("kp", "Ti") and good.signals == ("u", "y") and good.linear is True
     assert good.limits[0].tolist() == [0.5, 0.1]
+    assert described(metrics={"a": Metric(np.inf), "b": 1}, evaluate=good.evaluate).counted == (
+        "b",
+    )
+    assert check_name("phase margin [deg]", "error") == "phase_margin_error"
 
 
 @pytest.mark.parametrize(
     "call, name",
     [
-        (lambda: Metric("a"), "scale"),
         (lambda: Metric(0.0), "scale"),
         (lambda: Metric(1, error=None), "error"),
         (lambda: Metric(1, spread=True), "spread"),
@@ -230,12 +194,6 @@ def test_what_is_good_is_still_described():
 def test_settings_of_parts_are_checked(call, name):
     with pytest.raises(ValueError, match=name):
         call()
-
-
-def test_a_metric_without_a_scale_does_not_count():
-    own = described(evaluate=lambda theta, gains: gains, metrics={"a": Metric(np.inf), "b": 1})
-    assert own.counted == ("b",)
-    assert check_name("phase margin [deg]", "error") == "phase_margin_error"
 
 
 def test_a_description_without_evaluate_can_be_replaced():
@@ -281,30 +239,25 @@ def test_functions_may_write_into_their_arguments():
 # Entry points
 
 
-@pytest.mark.parametrize(
-    "entry, words",
-    [
+def test_entry_points_that_lead_nowhere():
+    for entry, words in (
         ("first_order", "no entry point"),
         ("first_order:a b", "no entry point"),
         ("nowhere:plant", "no module 'nowhere'"),
         ("first_order:nothing", "no such attribute"),
         ("first_order:TS", "float"),
         ("first_order:simulate", "first_order:simulate failed"),
-    ],
-)
-def test_entry_points_that_lead_nowhere(entry, words):
-    with pytest.raises(ValueError, match=words):
-        find(entry)
+    ):
+        with pytest.raises(ValueError, match=words):
+            find(entry)
 
 
 @pytest.mark.parametrize(
     "code, words",
     [
         ("plant = (", "SyntaxError"),
-        ("1 / 0", "ZeroDivisionError: division by zero"),
         ("import sys\nsys.exit(3)", "SystemExit: 3"),
         ("import nowhere_at_all", "ModuleNotFoundError: No module named 'nowhere_at_all'"),
-        ("import os\nos.nothing", "AttributeError"),
         ("from first_order import described\nplant = described(Ts=0.0)", "ValueError: Ts = 0"),
         ("raise ValueError('a\\nb')", "ValueError: a b"),
     ],

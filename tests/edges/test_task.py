@@ -22,22 +22,15 @@ def test_defaults_are_the_papers_and_the_design_notes():
     assert task.target.omega_c == pytest.approx(2 * np.pi * 1.5)
 
 
-def test_records_are_frozen_and_hashable():
+def test_records_are_frozen_hashable_and_of_one_form():
     task = Task()
     with pytest.raises(dataclasses.FrozenInstanceError):
         task.target.crossover = 2.0
     assert hash(task) == hash(Task()) and task == Task()
-
-
-@pytest.mark.parametrize("value", [20, 20.0, np.float64(20), [20, 20], (20.0, 20.0)])
-def test_ranges_may_be_points_lists_or_tuples(value):
-    assert Prior(v_x=value).v_x == (20.0, 20.0)
-
-
-def test_whole_numbers_may_come_as_floats():
-    # As from JSON written by other programs.
-    assert type(Experiment(N=500.0).N) is int
-    assert type(Target(delay_samples=1.0).delay_samples) is int
+    for value in (20, 20.0, np.float64(20), [20, 20], (20.0, 20.0)):
+        assert Prior(v_x=value).v_x == (20.0, 20.0)
+    # Whole numbers may come as floats, as from JSON written by other programs.
+    assert type(Experiment(N=500.0).N) is type(Target(delay_samples=1.0).delay_samples) is int
 
 
 @pytest.mark.parametrize("N, bit_time", [(200, 0.1), (20, 0.01), (6, 0.003)])
@@ -51,10 +44,9 @@ def test_two_bits_are_the_shortest_episode(N, bit_time):
     ("record", "field", "value"),
     [
         (Experiment, "Ts", 0.0),
-        (Experiment, "Ts", -0.001),
         (Experiment, "Ts", np.nan),
-        (Experiment, "N", 1),
         (Experiment, "N", 500.5),
+        (Experiment, "N", 10**8),
         (Experiment, "N", "500"),
         (Experiment, "amplitude", 0.0),
         (Experiment, "amplitude", 1.0),  # degrees, by mistake
@@ -62,20 +54,16 @@ def test_two_bits_are_the_shortest_episode(N, bit_time):
         (Experiment, "snr_db", np.inf),
         (Experiment, "snr_db", -41.0),
         (Experiment, "register", "prbs"),
-        (Target, "phase_margin", 0.0),
         (Target, "phase_margin", 181.0),
-        (Target, "crossover", 0.0),
         (Target, "crossover", 46.0),
-        (Target, "delay_samples", -1),
         (Target, "delay_samples", 0.5),
+        (Target, "delay_samples", 201),
         (Target, "delay_samples", True),
         (Target, "controller", "PI"),
         (Prior, "mu_s", 0.0),
         (Prior, "mu_s", [-0.1, 1.0]),
-        (Prior, "v_x", 0),
         (Prior, "v_x", [20, np.nan]),
         (Prior, "v_x", [30, 20]),
-        (Prior, "M_delta", None),
         (Prior, "M_delta", [1, 2, 3]),
         (Prior, "M_delta", "heavy"),
     ],
@@ -85,12 +73,9 @@ def test_bad_values_are_refused_by_name(record, field, value):
         record(**{field: value})
 
 
-def test_controller_sampling_time_has_its_public_name():
+def test_bad_values_that_the_user_knows_by_other_names():
     with pytest.raises(ValueError, match="^Ts_control = 0 must be finite, above 0"):
         Target(Ts=0.0)
-
-
-def test_mass_must_stay_positive():
     with pytest.raises(ValueError, match=r"M_0 \+ M_delta = -105 must be finite, above 0"):
         Task(prior=Prior(M_delta=(-2000, 0)))
     Task(vehicle=Vehicle(M_0=2500.0), prior=Prior(M_delta=(-2000, 0)))

@@ -20,16 +20,10 @@ def edited(tmp_path):
     return edit
 
 
-def test_the_example_is_the_papers_vehicle(edited):
-    assert read(edited()) == Task()
-
-
-def test_values_arrive(edited):
+def test_values_arrive_and_experiment_and_target_have_defaults(edited, tmp_path):
+    assert read(edited()) == Task()  # the paper's vehicle
     assert read(edited("J_z = 2400.0", "J_z = 3000")).vehicle.J_z == 3000
     assert read(edited("v_x = 20.0", "v_x = [10, 33.0]")).prior.v_x == (10, 33)
-
-
-def test_experiment_and_target_have_defaults(tmp_path):
     path = tmp_path / "short.toml"
     path.write_text(example().partition("[experiment]")[0])
     assert read(path) == Task()
@@ -43,15 +37,11 @@ def test_experiment_and_target_have_defaults(tmp_path):
         ("J_z = 2400.0", 'J_z = "heavy"', "vehicle.J_z"),
         ("J_z = 2400.0", "J_z = -1", "vehicle.*J_z .* at least 2.4"),
         ("J_z = 2400.0", "J_z = nan", "vehicle.*J_z .* finite"),
-        ("J_z = 2400.0", "J_z = true", "vehicle.J_z"),
         ("J_z = 2400.0", "J_z = {a = 1}", "vehicle.J_z"),
         ("[0.3, 1.1]", "[1.1, 0.3]", "prior.*mu_s"),
-        ("[0.3, 1.1]", "[1.1]", "prior.mu_s"),
         ("[0.3, 1.1]", "2024-01-01", "prior.mu_s"),
-        ("[prior]", "[priors]", "unknown.*`priors`"),
         ("[vehicle]", "", "unknown.*`M_0`"),
         ('register = "same"', 'register = "other"', "experiment.*register .*same, random"),
-        ("N = 10_000", "N = 150", "experiment.*N = 150"),
         ("N = 10_000", "N = 1e4000", "experiment.N"),
         ("crossover = 1.5", "crossover = 60", "target.*crossover .* at most 45"),
         ("[vehicle]", "[vehicle", "TOML: .*line 4"),
@@ -80,9 +70,7 @@ def test_files_that_are_something_else_are_refused(tmp_path):
     [
         ("[plant]\nentry = 3", "entry"),
         ("[plant]\nentry = 'first_order:plant'\nname = 'x'", "name"),
-        ("[plant]\narguments = {}", "entry"),
         ("plant = 3", "plant"),
-        ("[plant]\nentry = 'nowhere:plant'", "nowhere"),
         ("[plant", "TOML"),
     ],
 )

@@ -1,12 +1,14 @@
 """Features instead of recordings, actions in [-1, 1]: the two maps and their wrappers."""
 
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
-from first_order import gauged as plant
+from first_order import TS, described, gauged, plant
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import FlattenObservation, RescaleAction
+from gymnasium.wrappers import RescaleAction
 from recordings import recorded
 
 from tuners.agents.feature_map import ActionMap, FeatureMap
@@ -18,21 +20,25 @@ from tuners.agents.wrappers import (
 )
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
+from tuners.features.regularised import Regularised
 from tuners.learners.actor import LIMIT
 from tuners.tuner.training import features_for
-from yawrate_env import ENV_ID, FEATURES_ID, NONLINEAR_ID, PLANT_FEATURES_ID, PLANT_ID
+from yawrate_env import ENV_ID, FEATURES_ID, NONLINEAR_ID, PLANT_FEATURES_ID
+from yawrate_env.env.tuning_env import plant_env
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.episodes import sample
-from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.plant import episodes
+from yawrate_env.plant.parametrisation import GAINS
+from yawrate_env.signals.excitation import prbs
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 SHORT = {"Ts": 0.01, "N": 300}  # the least that ARMAX takes
 VARIANTS = {
-    "laguerre": {},
-    "armax": {"features": "armax"},
-    "random": {"register": "random", "v_x": [10, 33], "visible": "speed"},
-    "context": {"visible": "context", "delay_samples": 1},
-    "armax decimated": {"features": "armax", "decimate": 4},
+    "laguerre": (FEATURES_ID, SHORT),
+    "armax decimated": (FEATURES_ID, SHORT | {"features": "armax", "decimate": 4}),
+    "random": (FEATURES_ID, SHORT | {"register": "random", "v_x": [10, 33], "visible": "speed"}),
+    "context": (FEATURES_ID, SHORT | {"visible": "context", "delay_samples": 1}),
+    "plant": (PLANT_FEATURES_ID, {"plant": gauged}),
 }
 
 
@@ -103,20 +109,13 @@ def gymnasiums():
     ("wrap", "env", "message"),
     [
         (FeatureObservation, Foreign, "Foreign"),
-        (UnitAction, Foreign, "Foreign"),
         (FeatureObservation, plain_batch, r"gymnasium.make\("),
-        (UnitAction, plain_batch, r"gymnasium.make\("),
         (FeatureVectorObservation, plain, r"gymnasium.make_vec\("),
-        (UnitVectorAction, plain, r"gymnasium.make_vec\("),
         (FeatureVectorObservation, gymnasiums, "SyncVectorEnv"),
-        (UnitVectorAction, gymnasiums, "SyncVectorEnv"),
         (FeatureVectorObservation, lambda: None, "NoneType"),
         (FeatureObservation, lambda: FeatureObservation(plain()), "observation_space"),
-        (FeatureObservation, lambda: FlattenObservation(plain()), "observation_space"),
-        (UnitAction, lambda: UnitAction(plain()), "action_space"),
         (UnitAction, lambda: RescaleAction(plain(), -1, 1), "action_space"),
         (FeatureVectorObservation, lambda: batch(2), "single_observation_space"),
-        (UnitVectorAction, lambda: batch(2), "single_action_space"),
     ],
 )
 def test_wrong_environments_are_refused(wrap, env, message):
@@ -126,22 +125,13 @@ def test_wrong_environments_are_refused(wrap, env, message):
 
 
 @pytest.mark.parametrize(
-    "make",
-    [
-        scalar,
-        lambda **kwargs: batch(2, **kwargs),
-        lambda **kwargs: gymnasium.make(PLANT_FEATURES_ID, plant=plant, **kwargs),
-    ],
+    "make", [scalar, lambda **kwargs: gymnasium.make(PLANT_FEATURES_ID, plant=gauged, **kwargs)]
 )
-def test_unknown_features_are_refused(make):
+def test_unknown_features_and_settings_are_refused(make):
     with pytest.raises(ValueError, match="features = 'fourier'.*armax.*laguerre"):
         make(features="fourier")
-
-
-@pytest.mark.parametrize("env", [plain, lambda: gymnasium.make(PLANT_ID, plant=plant)])
-def test_unknown_settings_are_refused(env):
     with pytest.raises(ValueError, match="features 'laguerre'.*poles"):
-        FeatureObservation(env(), "laguerre", poles=3)
+        FeatureObservation(plant_env(gauged), "laguerre", poles=3)
 
 
 # --- features
@@ -153,10 +143,11 @@ def vehicles(features, of_parameters=lambda theta: theta[:, :0]):
 
 @pytest.mark.parametrize("name", VARIANTS)
 def test_features_are_standardised_over_the_prior(name):
-    obs, _ = batch(400, **VARIANTS[name]).reset(seed=0)
+    id, kwargs = VARIANTS[name]
+    obs, _ = gymnasium.make_vec(id, num_envs=400, **kwargs).reset(seed=0)
     spread = obs.std(axis=0)
     varied = spread > 1e-3  # a visible constant is zero
-    assert varied.sum() >= 6
+    assert varied.sum() >= 4
     # Means of 400 draws less means of 512: within 4.5 of their standard deviation, 0.067.
     np.testing.assert_allclose(obs.mean(axis=0), 0, atol=0.3)
     np.testing.assert_allclose(spread[varied], 1, atol=0.25)
@@ -164,30 +155,24 @@ def test_features_are_standardised_over_the_prior(name):
 
 
 @pytest.mark.parametrize("features", [Laguerre(), Armax()], ids=["laguerre", "armax"])
-def test_features_are_the_first_stages(features):
-    given, found = recorded(6), vehicles(features)
-    values, usable = found(given.u, given.y, given.Ts, np.empty((6, 0)))
+def test_features_are_the_first_stages_and_known_parameters_are_appended(features):
+    given, visible = recorded(6), [2, 0, 1]
+    known, found = given.known[:, visible], vehicles(features, lambda theta: theta[:, visible])
+    values, usable = found(given.u, given.y, given.Ts, known)
     raw, _ = features(given.u, given.y, given.Ts)
     assert usable.all() and values.dtype == np.float32
-    np.testing.assert_allclose(values * found.scale + found.mean, raw, rtol=1e-5, atol=1e-7)
-
-
-def test_known_parameters_are_appended():
-    given, visible = recorded(6), [2, 0, 1]
-    found = vehicles(Laguerre(), lambda theta: theta[:, visible])
-    known = given.known[:, visible]
-    values, _ = found.raw(given.u, given.y, given.Ts, known)
-    assert values.shape == (6, 13)
-    np.testing.assert_array_equal(values[:, 10:], known)
-    standard, _ = found(given.u, given.y, given.Ts, known)
-    np.testing.assert_array_equal(standard[:, 10], 0)  # one speed only
+    np.testing.assert_allclose(
+        (values * found.scale + found.mean)[:, :-3], raw, rtol=1e-5, atol=1e-7
+    )
+    np.testing.assert_array_equal(values[:, -3], 0)  # one speed only
+    np.testing.assert_array_equal(found.raw(given.u, given.y, given.Ts, known)[0][:, -3:], known)
 
 
 @pytest.mark.parametrize(
     ("env", "name", "as_feature"),
     [
         (lambda: plain(v_x=[10, 33], visible="speed"), "v_x", float),
-        (lambda: gymnasium.make(PLANT_ID, plant=plant), "K", np.log),
+        (lambda: plant_env(gauged), "K", np.log),
     ],
 )
 def test_a_vehicles_parameters_are_features_as_they_are_a_plants_by_logarithm(
@@ -199,23 +184,38 @@ def test_a_vehicles_parameters_are_features_as_they_are_a_plants_by_logarithm(
     assert obs[-1] == pytest.approx((known - env.map.mean[-1]) / env.map.scale[-1], rel=1e-5)
 
 
-def test_laguerre_features_of_a_plant_are_those_of_its_recipe():
+def test_features_suit_the_plant_unless_settings_are_given():
     assert FeatureObservation(plain()).map.features == Laguerre(10, 12.0)
-    found = FeatureObservation(gymnasium.make(PLANT_ID, plant=plant))
-    assert found.map.features == features_for(plant)
+    suited = features_for(gauged)
+    assert FeatureObservation(plant_env(gauged)).map.features == suited and suited.order != 6
+    found = FeatureObservation(plant_env(gauged), order=6).map.features
+    assert (found.order, found.pole) == (6, suited.pole)
+    various = plant_env(described(excite=lambda n: prbs(500, TS, 0.5, 1.0, order=14, start=n)))
+    found = FeatureObservation(various)  # of inputs that differ: regularised by the prior
+    assert isinstance(found.map.features, Regularised)
+    assert found.reset(seed=3)[0].shape == (len(found.map.features.directions),)
+    coarse = FeatureObservation(various, order=6).map.features
+    assert coarse == Laguerre(6, found.map.features.pole)
 
 
-def test_unusable_recordings_give_zeros_and_say_so():
-    given = recorded(2)
-    u = np.zeros_like(given.u)
-    features, usable = vehicles(Laguerre())(u, given.y, given.Ts, np.empty((2, 0)))
+def test_the_vehicles_environment_is_that_of_their_plant():
+    """To the last bit: what is seen of every episode, and what is done in it."""
+    own = plant_env(yaw_rate(Task(experiment=Experiment(**SHORT))))
+    ours, theirs = UnitAction(FeatureObservation(own, order=10, pole=12.0)), scalar()
+    assert ours.observation_space == theirs.observation_space
+    for seed in range(5):
+        np.testing.assert_array_equal(ours.reset(seed=seed)[0], theirs.reset(seed=seed)[0])
+        action = actions(1, seed)[0]
+        (_, reward, *_, mine), (_, expected, *_, info) = ours.step(action), theirs.step(action)
+        assert (mine["kp"], mine["Ti"]) == (info["kp"], info["Ti"])
+        assert reward == pytest.approx(expected, rel=1e-12)
+
+
+def test_unusable_recordings_give_zeros_and_outliers_are_clipped():
+    given, found, none = recorded(2), vehicles(Laguerre()), np.empty((2, 0))
+    features, usable = found(np.zeros_like(given.u), given.y, given.Ts, none)
     assert not usable.any() and not features.any()
-
-
-def test_outliers_are_clipped():
-    given = recorded(2)
-    values, _ = vehicles(Laguerre())(given.u, 100 * given.y, given.Ts, np.empty((2, 0)))
-    assert np.abs(values).max() == LIMIT
+    assert np.abs(found(given.u, 100 * given.y, given.Ts, none)[0]).max() == LIMIT
 
 
 def test_no_usable_features_at_all_is_an_error(monkeypatch):
@@ -247,24 +247,18 @@ def test_features_of_the_nonlinear_vehicle():
 
 # --- actions
 
-TASKS = {
-    "default": Task(),
-    "speeds": Task(prior=Prior(v_x=(10.0, 33.0))),
-    "low margin": Task(target=Target(phase_margin=40.0)),
-    "printed": Task(target=Target(controller="printed")),
+SPEEDS = yaw_rate(Task(prior=Prior(v_x=(10.0, 33.0))))
+VEHICLES = {
+    "default": yaw_rate(Task()),
+    "speeds": SPEEDS,
+    "low margin": yaw_rate(Task(target=Target(phase_margin=40.0))),
+    "printed": yaw_rate(Task(target=Target(controller="printed"))),
 }
-
-
-@pytest.mark.parametrize("name", TASKS)
-def test_the_range_holds_every_oracle_with_room_to_spare(name):
-    task = TASKS[name]
-    gains = yaw_rate(task).oracle(sample(yaw_rate(task), 300))
-    used = (found := ActionMap.of(yaw_rate(task))).actions(gains)
-    assert np.abs(used).max() < 1
-    np.testing.assert_allclose(found.gains(used), gains, rtol=1e-9)
-    assert np.ptp(used, axis=0).min() > 0.4  # nor is it so wide that nothing can be resolved
-
-
+BOUNDED = VEHICLES | {
+    "logarithms": plant,
+    "gains": described(parametrisation=GAINS),
+    "loop": replace(SPEEDS, action_bounds=None),
+}
 FROZEN = {
     "default": [-1.9993818650418442, -0.4273901474141522, -75.0, 0.243796568533, 0.070509374048],
     "speeds": [-2.361839700987645, -0.421745394562924, -75.0, 0.223621132628, 0.070509374048],
@@ -275,34 +269,47 @@ FROZEN = {
 """Log magnitudes, steepest phase [deg], and (kp, Ti) of (0.5, -0.5), of the first version."""
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", VEHICLES)
 def test_actions_mean_what_they_always_did(name):
-    found = ActionMap.of(yaw_rate(TASKS[name]))
+    found = ActionMap.of(VEHICLES[name])
     gains = found.gains(np.array([[0.5, -0.5]]))[0]
     now = [found.low[0], found.high[0], np.degrees(found.low[1]), *gains]
     np.testing.assert_allclose(now, FROZEN[name], rtol=1e-9)
     assert np.degrees(found.high[1]) == pytest.approx(-0.5)
 
 
-@pytest.mark.parametrize("name", TASKS)
-def test_actions_go_to_gains_and_back(name):
-    found = ActionMap.of(yaw_rate(TASKS[name]))
-    given = np.random.default_rng(0).uniform(-1, 1, (50, 2))
-    np.testing.assert_allclose(found.actions(found.gains(given)), given, rtol=0, atol=1e-9)
+@pytest.mark.parametrize("name", BOUNDED)
+def test_the_range_holds_every_oracle_with_room_to_spare(name):
+    of = BOUNDED[name]
+    gains = of.oracle(episodes.recorded(of, "test", 0, 128).theta)
+    gains = gains[np.isfinite(gains).all(axis=1)]
+    used = (found := ActionMap.of(of)).actions(gains)
+    assert np.abs(used).max() < 1
+    assert np.ptp(used, axis=0).min() > 0.4  # nor is it so wide that nothing can be resolved
+    np.testing.assert_allclose(found.gains(used), gains, rtol=1e-9)
 
 
-def test_corners_are_gains_that_the_environment_takes():
-    found = ActionMap.of(yaw_rate(Task()))
-    corners = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
-    gains = found.gains(corners)
-    assert ((gains >= [1e-3, 1e-3]) & (gains <= [10, 100])).all()
-    np.testing.assert_array_equal(found.gains(3 * corners), gains)  # clipped
-    env = scalar()
-    for corner, (kp, Ti) in zip(corners, gains, strict=True):
+@pytest.mark.parametrize("name", BOUNDED)
+def test_all_actions_are_gains_that_the_environment_takes(name):
+    of = BOUNDED[name]
+    found, box = ActionMap.of(of), plant_env(of).action_space
+    units = np.random.default_rng(0).uniform(-1, 1, (200, 2))
+    units[:100] = units[:100].round()  # corners, edges, middle
+    gains = found.gains(units)
+    assert (gains > 0).all() and (gains >= box.low).all() and (gains <= box.high).all()
+    np.testing.assert_allclose(found.actions(gains), units, rtol=0, atol=1e-9)
+    corners = np.sign(units) + (units == 0)
+    np.testing.assert_array_equal(found.gains(3 * corners), found.gains(corners))  # clipped
+
+
+def test_the_environments_gains_are_the_maps():
+    env, found = scalar(), ActionMap.of(VEHICLES["default"])
+    corners = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]], np.float32)
+    for corner, gains in zip(corners, found.gains(corners), strict=True):
         env.reset(seed=0)
-        info = env.step(corner.astype(np.float32))[4]
+        info = env.step(corner)[4]
         assert not info["clipped"]
-        assert (info["kp"], info["Ti"]) == pytest.approx((kp, Ti), rel=1e-12)
+        assert (info["kp"], info["Ti"]) == pytest.approx(tuple(gains), rel=1e-12)
 
 
 def test_a_step_in_phase_is_a_step_in_phase_margin():
@@ -316,8 +323,14 @@ def test_a_step_in_phase_is_a_step_in_phase_margin():
     assert env.step(oracle - step)[4]["phase_margin"] == pytest.approx(55, abs=1e-6)
 
 
-def test_a_plants_actions_hold_what_its_prior_needs():
-    gains = plant.oracle(sample(plant, 300))
-    used = (found := ActionMap.of(plant)).actions(gains)
-    assert np.abs(used).max() < 1
-    np.testing.assert_allclose(found.gains(used), gains, rtol=1e-9)
+def test_a_plant_may_have_its_own_bounds():
+    own = described(action_bounds=lambda: ([-1.0, -2.0], [1.0, 0.5]))
+    np.testing.assert_allclose(ActionMap.of(own).gains(np.ones((1, 2))), np.exp([[1.0, 0.5]]))
+
+
+@pytest.mark.parametrize(
+    "bounds", [lambda: [[0.0, 1.0], [1.0, 1.0]], lambda: np.ones(2), lambda: 1 / 0, 1.0]
+)
+def test_wrong_bounds_are_named(bounds):
+    with pytest.raises(ValueError, match="action_bounds"):
+        ActionMap.of(described(action_bounds=bounds))

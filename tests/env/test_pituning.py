@@ -28,7 +28,6 @@ INFO_KEYS = [
 ]
 
 both = pytest.mark.parametrize("kind", [PITuningEnv, PITuningNonlinearEnv])
-both_batches = pytest.mark.parametrize("kind", [PITuningVectorEnv, PITuningNonlinearVectorEnv])
 
 
 def episode(env, action=ACTION, **reset):
@@ -87,11 +86,9 @@ def test_the_outcome_is_that_of_the_linear_loop(kind, action):
 @pytest.mark.parametrize(
     "kwargs",
     [
-        {},
         {"delay_samples": 1, "phase_margin": 50.0},
         {"controller": "printed", "phase_margin": 40.0, "v_x": 30.0},
-        {"Ts_control": 0.001, "crossover": 2.0, "phase_margin": 50.0},
-        {"vehicle": {"J_z": 2000.0, "C_f": 110e3}},
+        {"Ts_control": 0.001, "crossover": 2.0, "vehicle": {"J_z": 2000.0, "C_f": 110e3}},
     ],
     ids=str,
 )
@@ -105,108 +102,60 @@ def test_the_oracles_gains_meet_the_target(kwargs):
     assert info["crossover"] == pytest.approx(kwargs.get("crossover", 1.5), rel=1e-8)
 
 
-def test_delay_and_printed_form_change_the_margins():
-    plain, delayed, printed = (
-        episode(short(**kwargs), seed=0)[1][4]
-        for kwargs in ({}, {"delay_samples": 1}, {"controller": "printed"})
-    )
-    assert delayed["crossover"] == pytest.approx(plain["crossover"], rel=1e-12)
-    lost = 360 * plain["crossover"] * 0.01
-    assert delayed["phase_margin"] == pytest.approx(plain["phase_margin"] - lost, rel=1e-9)
-    assert printed["phase_margin"] != pytest.approx(plain["phase_margin"], abs=1)
-
-
-@pytest.mark.parametrize(
-    ("action", "applied", "clipped"),
-    [
+def test_actions_outside_the_box_are_clipped_and_said_to_be():
+    for action, applied, clipped in (
         ([0.001, 100.0], [0.001, 100.0], False),
         ([0.0, 1.0], [0.001, 1.0], True),
         ([-5.0, 1e6], [0.001, 100.0], True),
         ([1.0, 100.001], [1.0, 100.0], True),
-    ],
-)
-def test_actions_outside_the_box_are_clipped_and_said_to_be(action, applied, clipped):
-    info = episode(short(), np.array(action), seed=0)[1][4]
-    assert ([info["kp"], info["Ti"]], info["clipped"]) == (applied, clipped)
+    ):
+        info = episode(short(), np.array(action), seed=0)[1][4]
+        assert ([info["kp"], info["Ti"]], info["clipped"]) == (applied, clipped)
 
 
 @both
-@pytest.mark.parametrize(
-    ("options", "name"),
-    [
+def test_vehicles_outside_the_prior_may_be_pinned_if_they_exist(kind):
+    env = short(kind, M_delta=100.0)
+    env.reset(seed=0)
+    for options, name in (
         ({"mu_s": 0.0}, "mu_s = 0 "),
         ({"v_x": -1.0}, "v_x = -1 "),
         ({"v_x": 2e3}, "v_x = 2000 "),
         ({"M_delta": -5000.0}, r"M_0 \+ M_delta"),
-    ],
-)
-def test_vehicles_that_do_not_exist_are_refused(kind, options, name):
-    env = short(kind, M_delta=100.0)
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=name):
-        env.reset(options=options)
+    ):
+        with pytest.raises(ValueError, match=name):
+            env.reset(options=options)
     assert env.step(ACTION)[4]["M_delta"] == 100
-
-
-@both
-def test_vehicles_outside_the_prior_may_be_pinned(kind):
     pins = {"mu_s": 1.6, "M_delta": 900.0, "v_x": 35.0}
-    info = episode(short(kind), seed=0, options=pins)[1][4]
+    info = episode(env, seed=0, options=pins)[1][4]
     assert {name: info[name] for name in pins} == pins
 
 
-@both
 @pytest.mark.parametrize(
-    ("kwargs", "name", "value"),
+    ("kwargs", "message"),
     [
-        ({"Ts": 0.0}, "Ts", "0"),
-        ({"Ts": -0.001}, "Ts", "-0.001"),
-        ({"N": 199}, "N", "199"),
-        ({"N": 0}, "N", "0"),
-        ({"N": 300.5}, "N", "300.5"),
-        ({"N": 10**8}, "N", r"1e\+08"),
-        ({"amplitude": 1e-7}, "amplitude", "1e-07"),
-        ({"delay_samples": 201}, "delay_samples", "201"),
-        ({"mu_s": 1e-4}, "mu_s", "0.0001"),
-        ({"vehicle": {"J_z": 1e-3}}, "J_z", "0.001"),
-        ({"vehicle": {"C_f": 1e9}}, "C_f", r"1e\+09"),
-        ({"snr_db": np.nan}, "snr_db", "nan"),
-        ({"snr_db": "30"}, "snr_db", "'30'"),
-        ({"amplitude": -0.01}, "amplitude", "-0.01"),
-        ({"amplitude": 1.0}, "amplitude", "1"),
-        ({"bit_time": 0.0}, "bit_time", "0"),
-        ({"register": "seven"}, "register", "'seven'"),
-        ({"Ts_control": 0.0}, "Ts_control", "0"),
-        ({"delay_samples": -1}, "delay_samples", "-1"),
-        ({"delay_samples": 1.5}, "delay_samples", "1.5"),
-        ({"phase_margin": 0.0}, "phase_margin", "0"),
-        ({"phase_margin": 190.0}, "phase_margin", "190"),
-        ({"crossover": 60.0}, "crossover", "60"),  # above the Nyquist frequency of 50 Hz
-        ({"crossover": -1.0}, "crossover", "-1"),
-        ({"controller": "pid"}, "controller", "'pid'"),
-        ({"mu_s": 0.0}, "mu_s", "0"),
-        ({"mu_s": [1.1, 0.3]}, "mu_s", r"\[1.1, 0.3\]"),
-        ({"mu_s": [0.3, 0.7, 1.1]}, "mu_s", r"\[0.3, 0.7, 1.1\]"),
-        ({"v_x": [-10.0, 20.0]}, "v_x", "-10"),
-        ({"v_x": None}, "v_x", "None"),
-        ({"M_delta": -2000.0}, "M_delta", "-105"),
-        ({"vehicle": {"M_0": -1.0}}, "M_0", "-1"),
-        ({"vehicle": {"mass": 1.0}}, "vehicle", "{'mass': 1.0}"),
-        ({"visible": "all"}, "visible", "'all'"),
-        ({"decimate": 0}, "decimate", "0"),
-        ({"decimate": 6000}, "decimate", "6000"),
-        ({"render_mode": "ansi"}, "render_mode", "'ansi'"),
+        ({"N": 199}, "N = 199"),
+        ({"amplitude": 1e-7}, "amplitude = 1e-07"),
+        ({"Ts_control": 0.0}, "Ts_control = 0"),
+        ({"crossover": 60.0}, "crossover = 60"),  # above the Nyquist frequency of 50 Hz
+        ({"mu_s": 1e-4}, "mu_s = 0.0001"),
+        ({"M_delta": -2000.0}, "M_delta = -105"),
+        ({"vehicle": {"J_z": 1e-3}}, "J_z = 0.001"),
+        ({"vehicle": {"mass": 1.0}}, "vehicle = {'mass': 1.0}"),
+        ({"visible": "all"}, "visible = 'all'"),
+        ({"decimate": 0}, "decimate = 0"),
+        ({"decimate": 6000}, "decimate = 6000"),
+        ({"render_mode": "ansi"}, "render_mode = 'ansi'"),
     ],
-    ids=lambda value: str(value) if isinstance(value, dict) else "",
+    ids=str,
 )
-def test_bad_parameters_are_refused_by_the_constructor(kind, kwargs, name, value):
-    with pytest.raises(ValueError, match=rf"\b{name}\b.* (= )?{value}\b|\b{name} = {value}"):
-        kind(**kwargs)
+def test_bad_parameters_are_refused(kwargs, message):
+    for make in (PITuningEnv, PITuningNonlinearEnv):
+        with pytest.raises(ValueError, match=rf"\b{message}"):
+            make(**kwargs)
 
 
-def test_bad_parameters_are_refused_by_make():
-    with pytest.raises(ValueError, match="crossover = 60"):
-        gymnasium.make(yawrate_env.ENV_ID, crossover=60.0)
+def test_bad_parameters_of_a_batch_are_refused():
     for kwargs, name in (({"crossover": 60.0}, "crossover"), ({"render_mode": "human"}, "render")):
         with pytest.raises(ValueError, match=name):
             gymnasium.make_vec(yawrate_env.ENV_ID, num_envs=2, **kwargs)
@@ -228,12 +177,6 @@ def test_tasks_that_no_tuner_solves_have_episodes_nevertheless(kind, kwargs):
     assert np.isfinite(obs).all() and -5 <= reward <= 0
 
 
-def test_a_yaw_rate_beyond_all_bounds_is_refused():
-    env = PITuningEnv(vehicle={"C_f": 1e7}, v_x=200.0)
-    with np.errstate(all="ignore"), pytest.raises(ValueError, match="v_x = 200.* not finite"):
-        env.reset(seed=0)
-
-
 @both
 def test_saturation_keeps_diverging_vehicles_in_the_space(kind):
     # An oversteering vehicle beyond its critical speed leaves any sensor's range in 10 s.
@@ -242,6 +185,9 @@ def test_saturation_keeps_diverging_vehicles_in_the_space(kind):
     assert np.isfinite(obs).all() and env.observation_space.contains(obs)
     assert np.abs(obs[1]).max() == 20 or kind is PITuningNonlinearEnv  # its tyres saturate first
     assert np.isfinite(reward)
+    env = PITuningEnv(vehicle={"C_f": 1e7}, v_x=200.0)
+    with np.errstate(all="ignore"), pytest.raises(ValueError, match="v_x = 200.* not finite"):
+        env.reset(seed=0)
 
 
 @both
@@ -255,10 +201,9 @@ def test_same_register_in_every_episode_and_random_on_request(kind):
 
 @both
 @pytest.mark.parametrize(
-    ("visible", "names"),
-    [("episode", ()), ("speed", ("v_x",)), ("context", ("v_x", "mu_s", "M_delta"))],
+    ("visible", "names", "decimate"),
+    [("episode", (), 10), ("speed", ("v_x",), 1), ("context", ("v_x", "mu_s", "M_delta"), 10)],
 )
-@pytest.mark.parametrize("decimate", [1, 10])
 def test_visible_rows(kind, visible, names, decimate):
     env = short(kind, visible=visible, v_x=[10, 33], decimate=decimate)
     obs, (*_, info) = episode(env, seed=6)
@@ -268,7 +213,7 @@ def test_visible_rows(kind, visible, names, decimate):
         np.testing.assert_array_equal(row, np.float32(info[name]))
 
 
-@pytest.mark.parametrize("decimate", [3, 7, 10, 250])
+@pytest.mark.parametrize("decimate", [7, 250])
 def test_decimation_averages_blocks(decimate):
     whole = short().reset(seed=7)[0].astype(float)
     obs = short(decimate=decimate).reset(seed=7)[0]
@@ -290,19 +235,10 @@ def test_the_nonlinear_vehicle_takes_its_parameters_as_plain_mappings():
         PITuningNonlinearEnv(tyre={"grip": 1})
 
 
-def test_large_commands_are_answered_differently_by_the_two_vehicles():
-    for amplitude, differ in ((1e-4, False), (0.07, True)):
-        one, other = (
-            kind(N=2000, amplitude=amplitude, snr_db=200.0, mu_s=0.4).reset(seed=0)[0][1]
-            for kind in (PITuningEnv, PITuningNonlinearEnv)
-        )
-        assert (np.abs(one - other).max() > 1e-2 * np.abs(one).max()) == differ
-
-
 # --- batches
 
 
-@both_batches
+@pytest.mark.parametrize("kind", [PITuningVectorEnv, PITuningNonlinearVectorEnv])
 def test_a_thousand_seeds_give_a_thousand_episodes_in_any_batch(kind):
     env = kind(1000, N=200)
     obs, _ = env.reset(seed=0)
@@ -315,8 +251,8 @@ def test_a_thousand_seeds_give_a_thousand_episodes_in_any_batch(kind):
 
 # From Python 3.12 on forking warns where any thread runs, those of NumPy's BLAS included.
 @pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
-@pytest.mark.parametrize("name", [yawrate_env.ENV_ID, yawrate_env.NONLINEAR_ID])
-def test_worker_processes_forked_after_the_kernels_ran_give_the_same(name):
+def test_worker_processes_forked_after_the_kernels_ran_give_the_same():
+    name = yawrate_env.NONLINEAR_ID  # its kernel and the linear loop's
     ours = gymnasium.make_vec(name, num_envs=3, N=500)
     # Kernels on several threads, before the fork.
     gymnasium.make_vec(name, num_envs=40, N=500).reset(seed=0)
@@ -333,9 +269,9 @@ def test_worker_processes_forked_after_the_kernels_ran_give_the_same(name):
         theirs.close()
 
 
-def most_memory(kind, num_envs, steps):
+def most_memory(num_envs, steps):
     """Largest memory that a run takes beyond what was there before [B]."""
-    env = kind(num_envs, N=2000)
+    env = PITuningVectorEnv(num_envs, N=2000)
     tracemalloc.start()
     env.reset(seed=0)
     for _ in range(steps):
@@ -345,11 +281,10 @@ def most_memory(kind, num_envs, steps):
     return peak
 
 
-@both_batches
-def test_memory_grows_with_the_number_of_environments_only(kind):
-    kind(16, N=2000).reset(seed=0)  # what is made once
-    few = most_memory(kind, 64, 2)
-    assert most_memory(kind, 64, 20) < 1.1 * few
-    assert most_memory(kind, 256, 2) < 4.4 * few
+def test_memory_grows_with_the_number_of_environments_only():
+    PITuningVectorEnv(16, N=2000).reset(seed=0)  # what is made once
+    few = most_memory(64, 2)
+    assert most_memory(64, 12) < 1.1 * few
+    assert most_memory(256, 2) < 4.4 * few
     # The observations that are returned, and about as much again on the way to them.
     assert few < 4 * 64 * 2 * 2000 * 4

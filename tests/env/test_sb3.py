@@ -46,16 +46,8 @@ def complaints(env):
     return [str(warning.message) for warning in caught]
 
 
-@pytest.mark.parametrize(
-    "kwargs",
-    [{}, {"features": "armax"}, {"visible": "context", "decimate": 2}],
-    ids=str,
-)
-def test_the_checker_has_nothing_to_say_about_the_features(kwargs):
-    assert complaints(gymnasium.make(FEATURES, **SHORT | kwargs)) == []
-
-
 def test_the_checker_minds_physical_units_and_two_rows_only():
+    assert complaints(gymnasium.make(FEATURES, **SHORT, visible="context", decimate=2)) == []
     told = complaints(gymnasium.make(PLAIN))
     expected = ("unconventional shape", "symmetric and normalized", "float64")
     assert len(told) == len(expected)
@@ -91,19 +83,14 @@ def test_the_batch_is_the_same_through_the_adapter():
             assert not any(key.startswith("_") for key in one)
 
 
-def test_seeds_count_once():
-    env = adapted()
-    env.seed(5)
+def test_seeds_and_options_count_once():
+    env = adapted(2)
+    assert env.seed(5) == [5, 6]
     first, second = env.reset(), env.reset()
     assert (first != second).any(axis=1).all()
     env.seed(5)
     np.testing.assert_array_equal(env.reset(), first)
     np.testing.assert_array_equal(env.reset(), second)
-    assert env.seed(7) == [7, 8, 9, 10]
-
-
-def test_options_count_once():
-    env = adapted(2)
     env.set_options({"mu_s": [0.4, 0.6], "M_delta": 50.0})
     env.reset()
     infos = env.step(actions(2))[3]
@@ -132,23 +119,20 @@ def test_attributes_are_the_batches_and_cannot_be_set():
     env.close()
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
-def test_other_resets_are_refused(mode):
-    theirs = gymnasium.make_vec(
-        PLAIN, num_envs=2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode}
-    )
-    with pytest.raises(ValueError, match="without a vectorization_mode"):
-        Sb3VecEnv(theirs)
-
-
-def test_gymnasiums_same_step_batch_is_adapted_too():
-    theirs = gymnasium.make_vec(
-        PLAIN, num_envs=2, vectorization_mode="sync",
-        vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}, **SHORT,
+def gymnasiums(mode):
+    return gymnasium.make_vec(
+        PLAIN, num_envs=2, vectorization_mode="sync", vector_kwargs={"autoreset_mode": mode},
+        **SHORT,
     )  # fmt: skip
+
+
+def test_gymnasiums_same_step_batch_is_adapted_too_and_others_are_refused():
+    for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED):
+        with pytest.raises(ValueError, match="without a vectorization_mode"):
+            Sb3VecEnv(gymnasiums(mode))
     gains = np.array([[0.2, 0.3], [0.1, 0.5]])
     results = []
-    for env in (Sb3VecEnv(theirs), adapted(2, PLAIN)):
+    for env in (Sb3VecEnv(gymnasiums(AutoresetMode.SAME_STEP)), adapted(2, PLAIN)):
         env.seed(0)
         env.reset()
         results.append(env.step(gains))

@@ -115,6 +115,6 @@ def answers(folder, rows):
     (folder / "driver.c").write_text(DRIVER)
     data = b"".join(np.concatenate(row).astype(np.float64).tobytes() for row in rows)
     parts = "driver.c", "yawrate_laguerre.c", "yawrate_tuner.c"
-    lines = compiled(folder, *parts, flags=("-O2",), data=data).stdout.decode().splitlines()
+    lines = compiled(folder, *parts, data=data).stdout.decode().splitlines()
     found = np.array([[float(text) for text in line.split()] for line in lines])
     return found[:, 1:], found[:, 0].astype(int)

@@ -18,7 +18,6 @@ from tuners.learners.trend import TrendSettings
 from tuners.trust.black_box import suited_to_any_input
 from tuners.tuner.stages import Stages, coordinates_of
 from yawrate_env.plant.episodes import recorded
-from yawrate_env.plant.parametrisation import GAINS
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
 
 sys.path.append(str(ROOT / "examples" / "plants"))
@@ -61,7 +60,8 @@ class Untrained:
     hidden: str
     squashed: bool
 
-    def fit(self, X, T, X_val, T_val, random_state, progress=None):
+    def fit(self, training, validation, random_state, progress=None):
+        ((X, T),) = training
         widths, rng = (X.shape[1], 7, 7, T.shape[1]), np.random.default_rng(random_state)
         pairs = zip(widths[1:], widths, strict=False)
         layers = [(rng.normal(size=(a, b)) / 2, rng.normal(size=a) / 2) for a, b in pairs]
@@ -72,7 +72,6 @@ class Untrained:
 CASES = {
     "logarithms": (described(), LAGUERRE, SMALL),
     "measured": (SLOPED, LAGUERRE, TrendSettings(SMALL, degree=2)),
-    "the gains themselves": (described(parametrisation=GAINS), LAGUERRE, SMALL),
     "gains of a loop": (dc_motor.plant, MOTOR, SMALL, "gains"),
     "loop": (dc_motor.plant, MOTOR, TrendSettings(SMALL)),
     "frequency response": (dc_motor.plant, RESPONSE, SMALL),

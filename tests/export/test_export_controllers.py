@@ -11,7 +11,7 @@ from c_programs import notices, passes, written
 from command import UNUSABLE, WRONG, call, refused
 from exported import dc_motor, one, trained
 from first_order import TS
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from imports import modules_after
 from recordings import ROOT, recorded
@@ -26,7 +26,6 @@ from tuners.export import (
     literals,
     matlab_script,
     pi_program,
-    plant_settings,
 )
 from tuners.tuner.rivals import Nominal
 from yawrate_env.loop.target import Target
@@ -49,6 +48,7 @@ def result(case):
 
 
 @given(KP, TI, st.sampled_from([0.001, 0.01, 0.05]))
+@settings(max_examples=40)
 def test_between_the_limits_it_is_the_tustin_pi(kp, Ti, Ts):
     errors = np.random.default_rng(0).standard_normal(200)
     pi = DigitalPI(kp, Ti, Ts, **UNLIMITED)
@@ -86,8 +86,10 @@ def test_a_missing_sample_holds_the_command():
 # C
 
 
-@pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize(("kp", "Ti"), [(PI.kp, PI.Ti), (1e-3, 100.0), (10.0, 1e-3)])
+@pytest.mark.parametrize(
+    "kp, Ti, real",
+    [(PI.kp, PI.Ti, "float"), (1e-3, 100.0, "double"), (10.0, 1e-3, "double")],
+)
 def test_the_pi_compiles_and_meets_its_golden_vectors(tmp_path, kp, Ti, real):
     limits = (PI.low, PI.high)
     paths = export((kp, Ti), "c", tmp_path / "new", Ts=0.01, limits=limits, real=real)
@@ -110,24 +112,16 @@ def test_golden_vectors_reach_both_limits_and_notice_a_wrong_controller(tmp_path
     assert notices(tmp_path, "lane_keeping.c", mistakes, "lane_keeping")
 
 
-@pytest.mark.parametrize("real", ["half", "long double"])
-def test_other_numbers_are_refused(real, tmp_path):
-    with pytest.raises(ValueError, match="real = "):
-        pi_program(PI, real=real)
-    with pytest.raises(ValueError, match="real = "):
-        export((0.3, 0.2), "json", tmp_path / "x", real=real)
-
-
-@pytest.mark.parametrize("name", ["", "1pi", "a-b", "x" * 40])
-def test_a_name_that_is_no_identifier_is_refused(name):
-    with pytest.raises(ValueError, match="name = "):
-        pi_program(PI, name=name)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e39])
-def test_constants_of_a_program_are_finite(value):
-    with pytest.raises(ValueError, match="float"):
-        literals.number(value, "float")
+def test_other_numbers_and_names_are_refused(tmp_path):
+    for real in ("half", "long double"):
+        with pytest.raises(ValueError, match="real = "):
+            export((0.3, 0.2), "json", tmp_path / "x", real=real)
+    for name in ("", "1pi", "a-b", "x" * 40):
+        with pytest.raises(ValueError, match="name = "):
+            pi_program(PI, name=name)
+    for value in (np.nan, np.inf, 1e39):
+        with pytest.raises(ValueError, match="float"):
+            literals.number(value, "float")
 
 
 # Documents
@@ -211,7 +205,6 @@ def refusals():
     yield pair, "rust", {}, "target = 'rust'"
     yield (0.3, -0.2), "matlab", vehicle, "Ti = -0.2"
     yield (np.nan, 0.2), "c", vehicle, "kp = nan"
-    yield (None, 0.2), "json", vehicle, "kp = None"
     yield (0.3, 0.2, 0.1), "c", vehicle, "source"
     yield tuners.Tuner(VEHICLE, Nominal()), "json", {}, "source"
     yield pair, "onnx", {}, "source"
@@ -220,9 +213,8 @@ def refusals():
     yield (1e39, 0.2), "matlab", vehicle, r"abs\(gain\)"
     yield (1e-36, 1e3), "c", vehicle, r"abs\(step\)"
     yield pair, "json", vehicle | {"Ts": 1001.0}, "Ts = 1001"
-    for Ts in (-1.0, np.nan, "fast"):
-        yield Gains({"K": 1.0}), "json", {"Ts": Ts}, "Ts = "
-    for limits in ((0.0, -1.0), (-1.0, 1.0, 2.0), (-1.0,), 3.0, (0.1, 0.2), (-1e-60, 1.0)):
+    yield Gains({"K": 1.0}), "json", {"Ts": "fast"}, "Ts = "
+    for limits in ((0.0, -1.0), (-1.0, 1.0, 2.0), 3.0, (0.1, 0.2), (-1e-60, 1.0)):
         yield pair, "json", vehicle | {"limits": limits}, "limits|low"
     for target in ("c", "matlab"):
         yield result("measured"), target, box, "gains Kc, Ti, Td.*target json"
@@ -254,7 +246,7 @@ def test_exporting_gains_needs_nothing_heavy(tmp_path):
     path = str(tmp_path / "pi.json")
     program = f"from tuners.export import export; export((0.3, 0.2), 'json', {path!r})"
     heavy = {"jinja2", "onnx", "control", "xgboost", "torch", "safetensors"}
-    assert not modules_after(program) & heavy
+    assert not modules_after(f"import tuners.pidtune; {program}") & heavy
 
 
 # Answers of `yawrate tune --json`
@@ -266,46 +258,30 @@ ANSWER = {
 }
 
 
-@pytest.mark.parametrize(
-    "changes, name",
-    [
-        ({"trusted": "no"}, "trusted"),
-        ({"gains": {}}, "gains"),
-        ({"gains": {"kp": "1"}}, "kp"),
-        ({"gains": {"kp": 10**400}}, "kp"),
-        ({"gains": [1]}, "keys|items|list"),
-        ({"plant": {}}, "target"),
-        ({"plant": ANSWER["plant"] | {"Ts": -1.0}}, "Ts"),
-        ({"plant": ANSWER["plant"] | {"Ts": float("nan")}}, "Ts"),
-        ({"plant": ANSWER["plant"] | {"signals": [1, 2]}}, "input"),
-        ({"plant": ANSWER["plant"] | {"command_limits": [1]}}, "limits"),
-    ],
-)
-def test_damaged_answers_are_refused_whatever_the_target(changes, name, tmp_path):
+DAMAGE = [
+    ({"trusted": "no"}, "trusted"),
+    ({"gains": {}}, "gains"),
+    ({"gains": {"kp": "1"}}, "kp"),
+    ({"gains": {"kp": 10**400}}, "kp"),
+    ({"gains": [1]}, "keys|items|list"),
+    ({"plant": {}}, "target"),
+    ({"plant": ANSWER["plant"] | {"Ts": -1.0}}, "Ts"),
+    ({"plant": ANSWER["plant"] | {"Ts": float("nan")}}, "Ts"),
+    ({"plant": ANSWER["plant"] | {"signals": [1, 2]}}, "input"),
+    ({"plant": ANSWER["plant"] | {"command_limits": [1]}}, "limits"),
+]
+
+
+def test_damaged_answers_and_other_files_are_refused(tmp_path):
     path = tmp_path / "answer.json"
     path.write_text(json.dumps(ANSWER))
     assert np.isnan(Gains.read(path).values["Ti"])
-    path.write_text(json.dumps(ANSWER | changes))
-    with pytest.raises(ValueError, match=f"answer.json is no answer of .*{name}"):
-        Gains.read(path)
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{}", 9999 * "[", '{"trusted": true}', "kp = 1"])
-def test_other_files_are_no_answers(text, tmp_path):
-    path = tmp_path / "answer.json"
-    path.write_text(text)
-    with pytest.raises(ValueError, match="answer.json is no answer of"):
-        Gains.read(path)
-
-
-def test_what_an_answer_says_of_its_plant_is_enough(tmp_path):
-    path = tmp_path / "answer.json"
-    for plant in (VEHICLE, dc_motor.plant):
-        content = {"trusted": True, "gains": {"kp": 0.3, "Ti": 0.2}, "plant": plant_settings(plant)}
-        path.write_text(json.dumps(content))
-        found = Gains.read(path)
-        assert (found.Ts, found.target) == (plant.parametrisation.target.Ts, found.target)
-        assert (found.signals, found.limits) == (plant.signals, plant.command_limits)
+    others = ("", "[]", "{}", 9999 * "[", '{"trusted": true}', "kp = 1")
+    damaged = [(json.dumps(ANSWER | changes), name) for changes, name in DAMAGE]
+    for text, name in [*damaged, *((text, "") for text in others)]:
+        path.write_text(text)
+        with pytest.raises(ValueError, match=f"answer.json is no answer of.*{name}"):
+            Gains.read(path)
 
 
 # The command
@@ -359,16 +335,16 @@ def test_gains_and_answers_of_the_vehicle_are_exported_by_the_command(tmp_path):
     assert code == 0
     (tmp_path / "answer.json").write_text(out)
     answer, path = json.loads(out), tmp_path / "pi.json"
-    sources = ("--result", tmp_path / "answer.json"), ("--kp", answer["kp"], "--Ti", answer["Ti"])
-    for source in sources:
-        assert call("export", *source, "--target", "json", "-o", path)[0] == 0
+    gains = ("--kp", answer["kp"], "--Ti", answer["Ti"])
+    for source in (("--result", tmp_path / "answer.json"), gains):
+        done = call("export", *source, "--target", "json", "-o", path)
+        assert done == (0, f"{path}\n", "")
         content = json.loads(path.read_text())
         assert [content[n] for n in ("kp", "Ti", "Ts")] == [answer["kp"], answer["Ti"], 0.01]
         assert content["limits"] == list(VEHICLE.command_limits)
-
-
-def test_a_file_that_is_no_answer_is_refused_by_the_command(tmp_path):
-    path = tmp_path / "answer.json"
-    path.write_text("{}")
-    line = refused(UNUSABLE, "export", "--result", path, "-o", tmp_path / "x")
-    assert "answer.json" in line and line.count("\n") == 1
+    given = ("--limits", -0.1, 0.2, "--Ts", 0.005)
+    assert call("export", *gains, *given, "--target", "json", "-o", path)[0] == 0
+    content = json.loads(path.read_text())
+    assert (content["Ts"], content["limits"]) == (0.005, [-0.1, 0.2])
+    code, out, _ = call("export", *gains, "-o", tmp_path / "pi")
+    assert code == 0 and [line.rpartition(".")[2] for line in out.split()] == ["h", "c", "c"]

@@ -5,7 +5,6 @@ import re
 import control
 import numpy as np
 import pytest
-from imports import modules_after
 from recordings import ROOT
 
 from tuners.features.armax import FitStatus, armax
@@ -64,7 +63,3 @@ def test_the_digital_pi_is_python_controls_tustin_of_a_pi(page):
 def test_a_dead_output_has_no_model():
     u = np.random.default_rng(0).standard_normal((1, 200))
     assert armax(u, np.zeros((1, 200)), 0.1).status[0] == FitStatus.DEGENERATE
-
-
-def test_control_is_imported_where_it_is_used():
-    assert "control" not in modules_after("import tuners.pidtune")

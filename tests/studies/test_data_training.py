@@ -72,11 +72,11 @@ def test_how_the_data_are_cut_does_not_matter(recipe):
     X = rng.standard_normal((300, 3))
     T = np.stack([np.sin(X[:, 0]) + X[:, 1], X[:, 1] * X[:, 2]], axis=1)
     validation = [(X[240:], T[240:])]
-    whole = recipe.learner.fit(X[:240], T[:240], *validation[0], 0)
+    whole = recipe.learner.fit([(X[:240], T[:240])], validation, 0)
     for cuts in ([240], [1, 239], [37] * 6 + [18]):
         ends = np.cumsum([0, *cuts])
         parts = [(X[i:j], T[i:j]) for i, j in zip(ends[:-1], ends[1:], strict=True)]
-        found = recipe.learner.fit_batches(parts, validation, 0)
+        found = recipe.learner.fit(parts, validation, 0)
         np.testing.assert_allclose(found(X), whole(X), rtol=1e-6, atol=1e-6)
 
 
