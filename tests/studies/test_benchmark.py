@@ -61,6 +61,11 @@ def test_simulation_leaves_python_control_behind():
     assert found["scipy sosfilt"]["ratio"]["median"] > 0.3  # above 1 where nothing else runs
 
 
+def test_an_input_in_every_episode_costs_less_than_one_after_the_other():
+    found = race(stages.laguerre_fits(32), 2, lambda done, of: None)
+    assert found["scipy lfilter and numpy lstsq"]["ratio"]["median"] > 1
+
+
 @pytest.mark.slow  # compiles
 def test_growth_is_measured_in_a_fresh_process():
     found = stages.growth_in_fresh_process([10])
