@@ -9,8 +9,8 @@ from first_order import described, design, plant, simulate
 from tuners.data import generate
 from tuners.features.laguerre import Laguerre
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.noise import snr
 from yawrate_env.plant.parametrisation import Parametrisation
-from yawrate_env.plant.plant import snr
 from yawrate_env.signals.excitation import prbs
 from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate

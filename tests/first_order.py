@@ -1,6 +1,7 @@
 """A plant whose every answer is known in closed form: K/(T s + 1), sampled with a hold."""
 
 import numpy as np
+from numba import njit
 
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.excitation import prbs
@@ -9,12 +10,19 @@ TS, TAU, SIGMA = 0.02, 0.3, 0.02
 U = prbs(500, TS, 0.5, 1.0)[0]
 
 
+@njit(cache=True)
+def recursion(a, b, u):
+    y = np.zeros(u.shape)
+    for i in range(len(u)):
+        for k in range(u.shape[1] - 1):
+            y[i, k + 1] = a[i] * y[i, k] + b[i] * u[i, k]
+    return y
+
+
 def simulate(theta, u, rng):
     K, T = theta.T
-    a, y = np.exp(-TS / T), np.zeros((len(theta), u.shape[-1]))
-    for k in range(u.shape[-1] - 1):
-        y[:, k + 1] = a * y[:, k] + K * (1 - a) * u[..., k]
-    return y
+    a = np.exp(-TS / T)
+    return recursion(a, K * (1 - a), np.broadcast_to(u, (len(theta), np.shape(u)[-1])))
 
 
 def design(theta):

@@ -17,11 +17,11 @@ from tuners.tuner.method import Method
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import GrayBox, Nominal, Oracle
 from tuners.tuner.stages import Recipe, Stages
-from tuners.tuner.training import calibrate, check_calibration, fit, recipe_for
+from tuners.tuner.training import CALIBRATION, calibrate, check_calibration, fit, recipe_for
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.plant.entry import find
-from yawrate_env.plant.episodes import designed
+from yawrate_env.plant.episodes import prior_gains
 from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
@@ -61,9 +61,6 @@ UNTRAINED: dict[str, type[Method]] = {"gb": GrayBox, "oracle": Oracle, "nominal"
 """The tuners that need no training."""
 
 NAMES = (*RECIPES, *UNTRAINED, "rl")
-
-CALIBRATION = 500
-"""Episodes that calibrate the intervals of a plant's default recipe."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -112,7 +109,7 @@ def train(
     else:
         known, recipe = recipe_named(what)
         plant = yaw_rate(_task(known)) if plant is None else find(plant)
-    designed(plant)
+    prior_gains(plant)  # refuses a plant of which nothing can be learned
     stages, training = fit(
         plant, recipe, count=episodes, seed=seed, name=name or known, data=data, progress=progress
     )
@@ -190,7 +187,7 @@ def from_file(path: str | os.PathLike[str], plant: Plant | None = None) -> Tuner
 
 
 def _try(tuner: Tuner) -> None:
-    """One answer, to the plant in the middle of the prior; ``ValueError`` where it has no gains."""
+    """Find gains for the mid-prior plant once; ``ValueError`` for a wrong number of gains."""
     plant = tuner.plant
     recording = Recording(plant.u[None], plant.respond(plant.middle), plant.Ts, plant.middle)
     answered = tuner.method.gains(plant, recording).values.shape

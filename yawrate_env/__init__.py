@@ -4,6 +4,8 @@
 ``yawrate/PITuningNonlinear-v0``, any plant of one's own as ``yawrate/Plant-v0``, and, ready
 to train on, ``yawrate/PITuningFeatures-v0`` and ``yawrate/PlantFeatures-v0``, which are in
 `tuners`.  Entry points are strings, so that the import itself stays light.
+
+The package holds plants, their loops and the environments; nothing that learns belongs here.
 """
 
 from gymnasium.envs.registration import register, registry

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from benchmarks.stages import ANSWERS, TUNERS
 from benchmarks.stopwatch import PACKAGES
 from studies.markdown import table
-from tuners.cli.report.palette import INK, STYLE, WIDTH, colour
+from studies.palette import INK, STYLE, WIDTH, colour
 
 MARKERS = ("o", "s", "^")
 

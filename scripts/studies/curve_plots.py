@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from studies.comparison import Score, curve
-from tuners.cli.report.palette import INK, STYLE, WIDTH, colour
+from studies.palette import INK, STYLE, WIDTH, colour
 
 _LINE = 0.065  # height of a name, as a share of the panel's
 

@@ -139,7 +139,7 @@ def picture(result: dict[str, Any]) -> Any:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    from tuners.cli.report.palette import COLOURS, INK, STYLE, WIDTH
+    from studies.palette import COLOURS, INK, STYLE, WIDTH
 
     sizes, line = result["sizes"], result["line"]
     n, seconds, peak = (

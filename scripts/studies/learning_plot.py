@@ -10,8 +10,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from studies.curve_plots import name_ends
 from studies.learning import BOUND
+from studies.palette import INK, STYLE, WIDTH, colour
 from studies.rows import Row
-from tuners.cli.report.palette import INK, STYLE, WIDTH, colour
 
 
 def curves(rows: Sequence[Row]) -> Figure:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, Score, task_at
 from studies.nonlinear_speed import driven
-from tuners.cli.report.palette import INK, STYLE, WIDTH
+from studies.palette import INK, STYLE, WIDTH
 from yawrate_env.env import rendering
 from yawrate_env.vehicle.episode import excitation
 from yawrate_env.vehicle.nonlinear import Tyre

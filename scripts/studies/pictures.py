@@ -13,9 +13,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from studies.conditions import SPEED, SWEEPS, Sweep
 from studies.off_design import Cell
 from studies.off_design_page import shown_level
+from studies.palette import INK, STYLE, WIDTH, colour
 from studies.schedule import Bin, Price, Schedule
 from studies.trusting import MISS
-from tuners.cli.report.palette import INK, STYLE, WIDTH, colour
 
 _BOUND: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 3)), "zorder": 1.5}
 _MISS: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (1, 2)), "zorder": 1.5}

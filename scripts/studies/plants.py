@@ -14,7 +14,7 @@ from studies.markdown import table
 from studies.plants_pictures import overview
 from studies.plots import save
 from tuners import Plant, Tuner, train
-from tuners.tuner.evaluation import (
+from tuners.tuner.comparison import (
     GRAY_BOX,
     NOMINAL,
     ORACLE,

@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from tuners.cli.report.palette import COLOURS, INK, NOISE, STYLE, WIDTH
-from tuners.tuner.evaluation import GRAY_BOX, NOMINAL, TUNER, Comparison
+from studies.palette import COLOURS, INK, NOISE, STYLE, WIDTH
+from tuners.tuner.comparison import GRAY_BOX, NOMINAL, TUNER, Comparison
 from yawrate_env.env import rendering
 from yawrate_env.plant.plant import Plant
 

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from tuners.cli.report.palette import DPI, INK, MODEL, NOISE, STYLE, WIDTH, ZOOM, colour
+from studies.palette import DPI, INK, MODEL, NOISE, STYLE, WIDTH, ZOOM, colour
 from yawrate_env.env import rendering
 from yawrate_env.files import replacing
 

@@ -11,8 +11,8 @@ from yawrate_env.plant.action_bounds import action_bounds
 from yawrate_env.plant.entry import find, home, named
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import check_name
+from yawrate_env.plant.noise import snr
 from yawrate_env.plant.parametrisation import Parametrisation
-from yawrate_env.plant.plant import snr
 
 
 def first_gain(theta, gains):

@@ -29,7 +29,9 @@ def test_the_bar_of_a_training_that_stops_early_is_full(capsys):
             calls.append(call)
             bars("training", *call)
 
-        FeedForwardSettings(epochs=100, max_fail=2).fit(X[:40], T[:40], X[40:], T[40:], 0, progress)
+        FeedForwardSettings(epochs=100, max_fail=2).fit(
+            [(X[:40], T[:40])], [(X[40:], T[40:])], 0, progress
+        )
     *_, before, last = calls
     assert 0 < last[0] == last[1] == before[0] < before[1] == 100
     shown = capsys.readouterr().err.replace("\r", "\n").splitlines()

@@ -60,7 +60,8 @@ class Untrained:
     hidden: str
     squashed: bool
 
-    def fit(self, X, T, X_val, T_val, random_state, progress=None):
+    def fit(self, training, validation, random_state, progress=None):
+        ((X, T),) = training
         widths, rng = (X.shape[1], 7, 7, T.shape[1]), np.random.default_rng(random_state)
         pairs = zip(widths[1:], widths, strict=False)
         layers = [(rng.normal(size=(a, b)) / 2, rng.normal(size=a) / 2) for a, b in pairs]

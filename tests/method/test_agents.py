@@ -8,8 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from first_order import described, gauged, lone, plant
-from imports import modules_after
+from first_order import described, lone, plant
 from recordings import recorded
 
 import tuners
@@ -28,6 +27,8 @@ from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 ENVS = 4
 EPISODES = 148  # SAC and TD3 start to learn after 32 batches
+DEMANDING = replace(lone, target=(0.3,))  # gains 30 % above the design rule's
+ON_AND_OFF_POLICY = "ppo", "sac"
 EVERY_SPEED = yaw_rate(Task(prior=Prior(v_x=(10.0, 30.0)), experiment=Experiment(Ts=0.01, N=300)))
 
 
@@ -50,7 +51,7 @@ def default(algorithm):
 
 @cache
 def agent():
-    return trained(lone, episodes=800, calibration=64)
+    return trained(DEMANDING, episodes=800, calibration=64)
 
 
 def differ(a, b):
@@ -77,9 +78,8 @@ def reward_of(tuner, count=128):
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_training_gives_snapshots_and_the_end(algorithm):
-    calls = []
-    found = trained(algorithm=algorithm, at=(142, 40, 4), episodes=150,
-                    progress=lambda what, done, of: calls.append((what, done, of)))  # fmt: skip
+    run, calls = Run(settings(algorithm, episodes=150), plant), []
+    found = run.learn((142, 40, 4), lambda *call: calls.append(call))
     # PPO ends with a whole rollout of 64.
     end = 192 if algorithm == "ppo" else 152
     assert [n for n, _ in found] == [4, 40, 142, end]
@@ -91,13 +91,19 @@ def test_training_gives_snapshots_and_the_end(algorithm):
     assert {(what, of) for what, _, of in calls} == {("training rl", 150)}
     assert done == sorted(done) and done[-1] == 150
 
+    width = run.env.observation_space.shape[0]
+    features = np.random.default_rng(0).normal(size=(20, width)).astype(np.float32)
+    expected, _ = run.model.predict(features, deterministic=True)
+    # The network calculates in float32.
+    np.testing.assert_allclose(actor_of(run.model, {})(features), expected, rtol=0, atol=1e-5)
+
 
 def test_nothing_is_learned_from_random_actions_only():
     (_, early), (_, late) = trained(at=(4,), episodes=128)
     assert not differ(early, late)
 
 
-@pytest.mark.parametrize("algorithm", ["sac", "ppo"])
+@pytest.mark.parametrize("algorithm", ON_AND_OFF_POLICY)
 def test_a_seed_gives_the_same_agent_again_and_another_another(algorithm):
     again, other = (trained(algorithm=algorithm, seed=s) for s in (0, 1))
     assert not differ(default(algorithm), again)
@@ -114,7 +120,7 @@ def test_agents_of_other_seeds_observe_other_episodes():
     assert len(set.union(*seen)) == 3 * ENVS
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", ON_AND_OFF_POLICY)
 def test_training_never_reads_the_design_rules_gains(algorithm):
     blind = False
 
@@ -140,33 +146,14 @@ def test_rewards_are_what_is_learned_from(monkeypatch):
     assert differ(trained(), default("sac"))
 
 
-def test_an_agent_learns():
-    theta, _ = test_set(lone, 128)
-    nominal = lone.reward(theta, lone.oracle(lone.middle).repeat(128, axis=0)).mean()
-    start = trained(lone, episodes=16)
-    assert reward_of(agent()) > 0.6 * nominal > reward_of(start)
-
-
-@pytest.mark.slow
-def test_rewards_are_maximised_where_the_design_rule_has_none():
-    other = replace(lone, target=(0.3,))  # gains 30 % above the rule's
-    theta, _ = test_set(other, 128)
-    rule = other.reward(theta, other.oracle(theta))
+def test_an_agent_learns_what_earns_rewards_where_the_design_rule_earns_none():
+    theta, _ = test_set(DEMANDING, 128)
+    rule = DEMANDING.reward(theta, DEMANDING.oracle(theta))
     np.testing.assert_allclose(rule, -1 / (1 + 1 / 4))
-    assert reward_of(trained(other, episodes=800)) > 0.7 * rule.mean()
-
-
-@pytest.mark.slow
-def test_a_thousand_episodes_of_vehicles_teach_a_lot():
-    vehicles = yaw_rate(Task(experiment=Experiment(Ts=0.01)))
-    (_, start), (_, end) = trained(vehicles, at=(500,), episodes=1000, num_envs=16)
-    theta, recording = test_set(vehicles, 200)
-    before, after = (
-        vehicles.errors(theta, tuner.gains(recording).values) / vehicles.metric_setting("scale")
-        for tuner in (start, end)
-    )
-    assert np.isfinite(after).all()
-    assert np.hypot(*after.T).mean() < 0.5 * np.hypot(*before.T).mean()
+    right_in_the_middle = 1.3 * DEMANDING.oracle(DEMANDING.middle).repeat(128, axis=0)
+    fixed = DEMANDING.reward(theta, right_in_the_middle).mean()
+    start = reward_of(trained(DEMANDING, episodes=16))
+    assert reward_of(agent()) > 0.7 * rule.mean() > max(fixed, start)
 
 
 def test_the_log_is_tensorboards(tmp_path):
@@ -178,12 +165,10 @@ def test_the_log_is_tensorboards(tmp_path):
     "do, name",
     [
         (lambda: Training("dqn"), "algorithm = 'dqn'"),
-        (lambda: Training(features="fourier"), "features = 'fourier'"),
         (lambda: Training(features="regularised"), "features = 'regularised'"),
         (lambda: Training(features=3), "features"),
         (lambda: Training(episodes=8), "episodes = 8"),
         (lambda: Training(num_envs=0), "num_envs = 0"),
-        (lambda: Training(seed=-1), "seed = -1"),
         (lambda: trained(checkpoint=Path("gone/agent.zip")), "gone"),
         (lambda: trained(Task()), "entry"),
         (lambda: trained("gone:plant"), "'gone'"),
@@ -213,7 +198,7 @@ def interrupted(algorithm, checkpoint, at):
         trained(algorithm=algorithm, at=(at,), checkpoint=checkpoint, episodes=200, progress=stop)
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", ON_AND_OFF_POLICY)
 def test_a_resumed_training_goes_on_where_it_was(algorithm, tmp_path):
     checkpoint, whole = tmp_path / "checkpoint", settings(algorithm, episodes=200)
     interrupted(algorithm, checkpoint, at=136)
@@ -233,12 +218,6 @@ def test_a_resumed_training_goes_on_where_it_was(algorithm, tmp_path):
     assert found[-1][1].training["episodes"] == end
 
 
-def test_a_finished_training_is_found_as_it_was(tmp_path):
-    checkpoint = tmp_path / "agent.zip"
-    first, again = (trained(checkpoint=checkpoint) for _ in range(2))
-    assert not differ(first, again)
-
-
 def test_checkpoints_of_another_training_are_refused(tmp_path):
     checkpoint = tmp_path / "agent.zip"
     trained(episodes=32, checkpoint=checkpoint)
@@ -252,34 +231,22 @@ def test_checkpoints_of_another_training_are_refused(tmp_path):
     for of, changes, name in refused:
         with pytest.raises(ValueError, match=f"checkpoint .*agent.zip .*{name}"):
             trained(of, episodes=64, checkpoint=checkpoint, **changes)
-    (tmp_path / "agent.origin").unlink()
-    with pytest.raises(ValueError, match="agent.zip .*agent.origin"):
-        trained(episodes=64, checkpoint=checkpoint)
-    (tmp_path / "agent.origin").write_text("[]")
-    with pytest.raises(ValueError, match="agent.zip .*agent.origin"):
-        trained(episodes=64, checkpoint=checkpoint)
+    for spoil in (Path.unlink, lambda path: path.write_text("[]")):
+        spoil(tmp_path / "agent.origin")
+        with pytest.raises(ValueError, match="agent.zip .*agent.origin"):
+            trained(episodes=64, checkpoint=checkpoint)
 
 
-def test_other_files_are_no_checkpoints(tmp_path):
+def test_a_finished_training_is_found_as_it_was_and_other_files_are_no_checkpoints(tmp_path):
     path = tmp_path / "agent.zip"
-    trained(episodes=32, checkpoint=path)
+    first, again = (trained(checkpoint=path) for _ in range(2))
+    assert not differ(first, again)
     path.write_bytes(b"PK, but nothing more")
     with pytest.raises(ValueError, match=r"checkpoint .*agent\.zip"):
         trained(checkpoint=path)
 
 
 # The actor
-
-
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_the_arrays_act_as_the_model_does(algorithm):
-    run = Run(settings(algorithm), plant)
-    run.learn()
-    width = run.env.observation_space.shape[0]
-    features = np.random.default_rng(0).normal(size=(20, width)).astype(np.float32)
-    expected, _ = run.model.predict(features, deterministic=True)
-    # The network calculates in float32.
-    np.testing.assert_allclose(actor_of(run.model, {})(features), expected, rtol=0, atol=1e-5)
 
 
 def test_an_actor_by_hand():
@@ -315,7 +282,7 @@ def test_the_average_forgets_the_beginning_and_smooths_the_end():
 
 def test_saving_keeps_everything(tmp_path):
     agent().save(tmp_path / "rl.tuner")
-    again = tuners.load(tmp_path / "rl.tuner", lone)
+    again = tuners.load(tmp_path / "rl.tuner", DEMANDING)
     assert isinstance(again.method.learner, Agent) and not differ(agent(), again)
     assert again.training == agent().training and again.calibration == agent().calibration
     y = lone.respond(np.array([[1.2, 0.5]]))[0] + 0.02 * np.random.default_rng(0).normal(size=500)
@@ -323,31 +290,21 @@ def test_saving_keeps_everything(tmp_path):
     assert (one.gains, one.intervals, one.checks) == (other.gains, other.intervals, other.checks)
 
 
-def test_using_it_needs_what_trained_it_no_more(tmp_path):
-    agent().save(tmp_path / "rl.tuner")
-    loaded = modules_after(
-        "import sys; sys.path.insert(0, 'tests'); import tuners; "
-        f"t = tuners.load({str(tmp_path / 'rl.tuner')!r}); t.tune(t.plant.u, t.plant.u)"
-    )
-    learning = {"torch", "stable_baselines3", "sb3_contrib", "xgboost", "cloudpickle"}
-    assert "tuners" in loaded and not loaded & (learning | {"matplotlib", "control"})
-
-
 def test_intervals_are_calibrated():
-    theta, recording = test_set(lone, 200, seed=1)
+    theta, recording = test_set(DEMANDING, 200, seed=1)
     gains, found = agent().assess(recording)
-    off = np.abs(lone.metric_values(theta, gains.values) - found.metrics)
+    off = np.abs(DEMANDING.metric_values(theta, gains.values) - found.metrics)
     held = off <= np.array(agent().calibration) * found.spread
     # 90 % intervals from 64 episodes: 0.9 within 3.5 standard deviations of both samples.
     assert (held.mean(axis=0) > 0.75).all()
-    missed = np.abs(lone.errors(theta, gains.values)) / lone.metric_setting("error")
+    missed = np.abs(DEMANDING.errors(theta, gains.values)) / DEMANDING.metric_setting("error")
     assert found.trusted.any()
     assert missed[found.trusted].max() < 1.5 < missed[~found.trusted].max()
 
 
 def test_it_acts_in_both_environments_alike():
-    raw = gymnasium.make(PLANT_ID, plant=lone)
-    features = gymnasium.make(PLANT_FEATURES_ID, plant=lone)
+    raw = gymnasium.make(PLANT_ID, plant=DEMANDING)
+    features = gymnasium.make(PLANT_FEATURES_ID, plant=DEMANDING)
     learner = agent().method.learner
     for seed in range(3):
         action, _ = agent().predict(raw.reset(seed=seed)[0])
@@ -356,13 +313,8 @@ def test_it_acts_in_both_environments_alike():
         assert a["kp"] == pytest.approx(b["kp"], rel=1e-5) and not a["clipped"]
 
 
-def test_an_unusable_recording_has_no_gains():
-    found = agent().tune(np.zeros(500), np.ones(500))
-    assert not found.converged and np.isnan(found.kp) and np.isfinite(found.fallback["kp"])
-
-
-@pytest.mark.parametrize("of", [gauged, EVERY_SPEED])
-def test_measured_parameters_are_features(of):
+def test_measured_parameters_are_features():
+    of = EVERY_SPEED
     found = trained(of, "ppo", episodes=64)
     (name,) = of.measured_names
     low, high = of.prior[name]

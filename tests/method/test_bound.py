@@ -72,19 +72,6 @@ def test_twenty_decibels_are_a_factor_of_ten():
     np.testing.assert_allclose(middle, 10 * high, rtol=1e-9)
 
 
-def test_amplitude_does_not_matter_at_a_given_signal_to_noise_ratio():
-    theta = sample(FAMILIES["vehicle"], 5)
-    strong, usual = (cramer_rao(vehicles(amplitude=a), theta) for a in (0.05, 0.0175))
-    np.testing.assert_allclose(strong, usual, rtol=1e-6)
-
-
-def test_longer_episodes_tell_more():
-    theta = sample(FAMILIES["vehicle"], 5)
-    ratio = cramer_rao(vehicles(N=2000), theta) / cramer_rao(vehicles(), theta)
-    # Twice the data; 200 bits of the register are not twice its first 100.
-    np.testing.assert_allclose(ratio, 0.5**0.5, rtol=0.05)
-
-
 def test_root_mean_square_over_the_prior_is_near_an_independent_programs():
     plant = yaw_rate(Task())
     spread = cramer_rao(plant, recorded(vehicles(), "test", 0, 128).theta)
@@ -93,23 +80,15 @@ def test_root_mean_square_over_the_prior_is_near_an_independent_programs():
     np.testing.assert_allclose(rms, [0.0097, 0.00037], rtol=0.1)
 
 
-def test_other_targets_and_vehicles_are_taken_into_account():
-    theta = sample(FAMILIES["vehicle"], 3)
-    plain = cramer_rao(FAMILIES["vehicle"], theta)
-    slower = replace(VEHICLE, target=replace(VEHICLE.target, crossover=1.0))
-    for task in (slower, replace(VEHICLE, vehicle=Vehicle(J_z=3000.0))):
-        assert (abs(cramer_rao(yaw_rate(task), theta) / plain - 1) > 0.01).all()
-
-
 @pytest.mark.parametrize("theta", [(0.35, 250.0, 20.0), (1.0, 50.0, 20.0)])
 def test_the_gray_box_sits_on_the_bound(theta):
-    plant, count = FAMILIES["vehicle"], 800
+    plant, count = FAMILIES["vehicle"], 400
     same = np.tile(theta, (count, 1))
     keys = stream((2, 5), 0, count, integers_of(plant))[:, -4:]
     y = plant.measure(same, plant.u[None], keys, np.random.default_rng(0))
     found = GrayBox().gains(plant, Recording(plant.u[None], y, plant.Ts))
     errors, bound = plant.errors(same, found.values), cramer_rao(plant, same[:1])[0]
     assert found.converged.all()
-    # Standard errors of 800 episodes: 2.5 % of a spread, 3.5 % of it for a mean.
-    np.testing.assert_allclose(errors.std(axis=0), bound, rtol=4 * 0.025)
-    assert (abs(errors.mean(axis=0)) < (4 * 0.035 + 0.1) * bound).all()
+    # Standard errors of 400 episodes: 3.5 % of a spread, 5 % of it for a mean.
+    np.testing.assert_allclose(errors.std(axis=0), bound, rtol=4 * 0.035)
+    assert (abs(errors.mean(axis=0)) < (4 * 0.05 + 0.1) * bound).all()

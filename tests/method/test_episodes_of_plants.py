@@ -5,7 +5,7 @@ import pytest
 from first_order import SIGMA, U, by_one, described, design, plant, simulate
 
 from yawrate_env.plant.episodes import SETS, episodes, integers_of, ranges_of, recorded, sample
-from yawrate_env.plant.plant import snr
+from yawrate_env.plant.noise import snr
 from yawrate_env.signals.streams import stream
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
@@ -38,13 +38,6 @@ def test_sets_share_no_episode_whatever_the_seeds():
     assert len(keys) == len(SETS) * 20 * 20
     (trained,), (tested,) = (episodes(plant, name, 3, 0, 1) for name in ("train", "test"))
     assert (trained.theta != tested.theta).all()
-
-
-def test_episodes_come_from_the_prior():
-    narrow = Prior(mu_s=(0.5, 0.6), M_delta=10.0, v_x=25.0)
-    found = recorded(yaw_rate(Task(prior=narrow, experiment=SHORT)), "test", 0, 200).theta
-    assert 0.5 <= found[:, 0].min() < 0.51 and 0.59 < found[:, 0].max() <= 0.6
-    assert (found[:, 1:] == [10.0, 25.0]).all()
 
 
 def test_extrapolation_lies_outside_the_prior_where_the_plant_says():

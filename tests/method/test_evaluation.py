@@ -6,15 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from families import FAMILIES, observed, reference
-from families import tested as recordings
+from families import FAMILIES, observed, reference, trained
 
 from tuners.tuner.evaluation import columns, evaluate, write_csv
 from tuners.tuner.method import Gains
-from tuners.tuner.rivals import GrayBox, Nominal, Oracle
+from tuners.tuner.rivals import Nominal
 from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.episodes import recorded
 from yawrate_env.plant.names import split
 from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
@@ -56,11 +54,6 @@ def test_rows_hold_the_numbers_to_twelve_digits(tuner, family, plant, tmp_path):
     )
 
 
-def test_columns_of_a_vehicle_are_the_agreed_ones():
-    header = "tuner,episode,mu_s,M_delta,v_x,kp,Ti,phase_margin,crossover,stable,seconds"
-    assert ",".join(columns(BRIEF)) == header
-
-
 def test_evaluation_and_policy_give_the_same(tuner, plant, episodes):
     (found,) = evaluated({"own": tuner}, plant, episodes=4, batch=4)
     np.testing.assert_array_equal(found.theta, episodes.known[:4])
@@ -68,16 +61,6 @@ def test_evaluation_and_policy_give_the_same(tuner, plant, episodes):
     np.testing.assert_allclose(found.gains, actions, rtol=1e-9)
     errors = found.metrics - plant.targets(found.theta)
     np.testing.assert_allclose(errors, plant.errors(found.theta, actions), rtol=1e-6, atol=1e-9)
-
-
-def test_every_tuner_gets_the_same_episodes_whatever_the_company(tuner, family, plant):
-    chosen = {"nominal": reference(family, Nominal), "own": tuner}
-    together = evaluated(chosen, plant, episodes=3)
-    for one in together:
-        (alone,) = evaluated({one.tuner: chosen[one.tuner]}, plant, episodes=3)
-        np.testing.assert_array_equal(one.theta, together[0].theta)
-        np.testing.assert_array_equal(one.theta, alone.theta)
-        np.testing.assert_array_equal(one.gains, alone.gains)
 
 
 def test_seed_and_set_decide_the_episodes():
@@ -89,48 +72,22 @@ def test_seed_and_set_decide_the_episodes():
     assert not np.isin(first[:, 0], np.concatenate([other, train])[:, 0]).any()
 
 
-def test_the_batch_size_changes_nothing_but_the_seconds(tuner, family, plant):
-    chosen = {"own": tuner, "nominal": reference(family, Nominal)}
-    first, *others = (evaluated(chosen, plant, episodes=12, batch=b) for b in (1, 5, 64))
-    for other in others:
+def test_neither_company_nor_batches_nor_blocks_matter():
+    name, calls = "vehicle", []
+    plant, chosen = FAMILIES[name], {"own": trained(name), "nominal": reference(name, Nominal)}
+    first, *others = (
+        evaluated(chosen, plant, episodes=140, batch=b, progress=lambda *at: calls.append(at))
+        for b in (140, 50)
+    )
+    done = [done for done, _ in calls]
+    assert {of for _, of in calls} == {280} and done[-1] == 280
+    alone = [evaluated({k: tuner}, plant, episodes=5, batch=1)[0] for k, tuner in chosen.items()]
+    for other in (*others, alone):
         for a, b in zip(first, other, strict=True):
+            np.testing.assert_array_equal(a.theta[: len(b.theta)], b.theta)
             # Matrix products of other sizes round otherwise.
-            np.testing.assert_allclose(a.gains, b.gains, rtol=1e-9)
-            np.testing.assert_array_equal(a.stable, b.stable)
-
-
-def test_blocks_join_seamlessly():
-    tuner = {"nominal": Tuner(BRIEF, Nominal())}
-    small, large = (evaluated(tuner, BRIEF, episodes=300, batch=b)[0] for b in (100, 300))
-    assert len(small.gains) == 300
-    for name in ("theta", "gains", "metrics", "stable"):
-        np.testing.assert_array_equal(getattr(small, name), getattr(large, name))
-    few = evaluated(tuner, BRIEF, episodes=3)[0]
-    np.testing.assert_array_equal(few.theta, large.theta[:3])
-
-
-def test_the_oracle_makes_no_error(family, plant):
-    (found,) = evaluated({"oracle": reference(family, Oracle)}, plant, episodes=50, batch=50)
-    # The design rule is exact; crossings are bisected to machine precision.
-    np.testing.assert_allclose(found.metrics, plant.targets(found.theta), rtol=1e-9, atol=1e-12)
-    assert found.stable.all()
-
-
-def test_extrapolation_lies_outside_the_prior():
-    oracle = {"oracle": Tuner(BRIEF, Oracle())}
-    (found,) = evaluated(oracle, BRIEF, "extrapolation", episodes=100, batch=100)
-    for values, low, high in ((found.theta[:, 0], 1.1, 1.3), (found.theta[:, 1], 300, 500)):
-        assert low <= values.min() < low + 0.1 * (high - low)
-        assert high - 0.1 * (high - low) < values.max() <= high
-    np.testing.assert_array_equal(found.theta[:, 2], 20.0)
-
-
-def test_measured_parameters_reach_the_tuners():
-    name = "vehicle of any speed"
-    (found,) = evaluated({"gb": reference(name, GrayBox)}, FAMILIES[name], episodes=6)
-    assert np.ptp(found.theta[:, 2]) > 3
-    # Ten standard deviations of the slippery and slow.
-    np.testing.assert_allclose(found.metrics[:, 0], 60, atol=0.6)
+            np.testing.assert_allclose(a.gains[: len(b.gains)], b.gains, rtol=1e-9)
+            np.testing.assert_array_equal(a.stable[: len(b.stable)], b.stable)
 
 
 class Reckless:
@@ -167,18 +124,7 @@ def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_progress_is_reported_to_the_end():
-    calls, chosen = [], {"a": Tuner(BRIEF, Nominal()), "b": Tuner(BRIEF, Oracle())}
-    evaluated(chosen, BRIEF, episodes=300, batch=300,
-              progress=lambda done, of: calls.append((done, of)))  # fmt: skip
-    assert [of for _, of in calls] == [600] * len(calls)
-    done = [d for d, _ in calls]
-    assert done == sorted(done) and done[-1] == 600
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"episodes": 0}, {"seed": -1}, {"batch": 0}, {"batch": 1.5}, {"name": "tset"}]
-)
+@pytest.mark.parametrize("wrong", [{"episodes": 0}, {"seed": -1}, {"batch": 1.5}, {"name": "tset"}])
 def test_wrong_arguments_are_refused(wrong):
     name = "set of episodes = 'tset'" if "name" in wrong else next(iter(wrong))
     with pytest.raises(ValueError, match=name):
@@ -201,8 +147,3 @@ def test_seconds_are_an_episodes_share_of_its_batch(monkeypatch):
     assert single.seconds.tolist() == [6.0] * 4
     assert batch.seconds.tolist() == [2.0] * 3 + [6.0]
     assert clock.now == 6.0 * (1 + 4 + 1 + 2)  # once more each, before the clock runs
-
-
-def test_the_test_set_is_that_of_the_episodes(plant, family):
-    block = recorded(plant, "test", 0, 3)
-    np.testing.assert_array_equal(block.y, recordings(family).y[:3])

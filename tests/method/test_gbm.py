@@ -19,7 +19,7 @@ def toy(seed=0, count=300):
 def trained(X, T, X_val=None, T_val=None, random_state=0, progress=None, **settings):
     none = np.empty((0, 4)), np.empty((0, 2))
     X_val, T_val = none if X_val is None else (X_val, T_val)
-    return GBMSettings(**SMALL | settings).fit(X, T, X_val, T_val, random_state, progress)
+    return GBMSettings(**SMALL | settings).fit([(X, T)], [(X_val, T_val)], random_state, progress)
 
 
 def parameters(model):
@@ -44,14 +44,6 @@ def test_settings_reach_xgboost(depth, leaves):
         assert parameters(model) == pytest.approx(expected)
 
 
-def test_a_leaf_holds_at_least_its_weight():
-    X, T = toy()
-    gbm = trained(X, T, min_child_weight=100.0, n_estimators=5)
-    leaves = [line for tree in gbm.models[0].get_dump(with_stats=True) for line in tree.split("\n")]
-    cover = [float(line.split("cover=")[1]) for line in leaves if "leaf=" in line]
-    assert min(cover) >= 100
-
-
 def test_defaults_are_the_papers():
     expected = {"n_estimators": 2000, "max_depth": 7, "max_leaves": 10}
     expected |= {"learning_rate": 0.1, "reg_lambda": 4.0, "min_child_weight": 25.0}
@@ -65,30 +57,10 @@ def test_learns_both_targets():
     assert (residual < 0.2).all()
 
 
-def test_standardising_is_undone():
-    X, T = toy(count=200)  # fewer than the 256 bins: every vehicle can be told apart
-    gbm = trained(X, T, n_estimators=300, learning_rate=0.3, reg_lambda=0.0, min_child_weight=1.0,
-                  max_depth=9, max_leaves=0)  # fmt: skip
-    # So many trees learn them nearly by heart, each to 1e-3 of the spread: 1e-4 for all.
-    np.testing.assert_allclose(gbm(X).std(axis=0), T.std(axis=0), rtol=5e-4)
-
-
-def test_every_target_has_a_model_of_its_own():
-    X, T = toy()
-    both, swapped = trained(X, T), trained(X, T[:, ::-1])
-    np.testing.assert_array_equal(swapped(X), both(X)[:, ::-1])
-
-
 def test_training_is_repeatable_and_leaves_validation_alone():
     X, T = toy()
     np.testing.assert_array_equal(trained(X, T)(X), trained(X, T)(X))
     np.testing.assert_array_equal(trained(X, T, X[:20], T[:20])(X), trained(X, T)(X))
-
-
-def test_the_targets_unit_does_not_matter():
-    X, T = toy()
-    # Powers of two change no rounding.
-    np.testing.assert_array_equal(trained(X, 1024 * T)(X), 1024 * trained(X, T)(X))
 
 
 def test_a_constant_target_is_predicted():

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from families import FAMILIES, SHORT, VEHICLE
+from families import tested as recordings
 from first_order import SIGMA, U, described, simulate, slopes
 from first_order import plant as lag
-from recordings import recorded
 
 from tuners.trust.bound import cramer_rao
 from tuners.trust.fit import search
@@ -17,10 +17,9 @@ from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import GrayBox
 from yawrate_env.plant.episodes import recorded as episodes_of
 from yawrate_env.plant.episodes import sample
-from yawrate_env.vehicle.sensitivity import output_gram
 from yawrate_env.vehicle.single_track import Context, Vehicle, total_mass
 from yawrate_env.vehicle.task import Experiment, Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 CORNERS = np.array(list(itertools.product((0.3, 0.7, 1.1), (0.0, 300.0), (10.0, 20.0, 33.0))))
 M_0 = Vehicle().M_0
@@ -52,58 +51,15 @@ def test_exact_slopes_are_the_differences_of_the_simulation(family):
     np.testing.assert_allclose(gram / size, expected / size, atol=1e-6)
 
 
-@pytest.mark.parametrize("register", ["same", "random"])
-def test_sums_against_finite_differences_of_the_simulation(register):
-    plant = yaw_rate(Task(experiment=Experiment(register=register, N=3000)))
-    block = episodes_of(plant, "test", 0, 3)
-    theta = np.array([[0.35, 280.0, 12.0], [0.8, 10.0, 20.0], [1.05, 150.0, 31.0]])
-    h = 1e-5  # truncation and rounding both near 1e-10
-
-    def response(by_mu_s, by_mass):
-        mass = (theta[:, 1] + M_0) * np.exp(by_mass) - M_0
-        moved = np.stack([theta[:, 0] * np.exp(by_mu_s), mass, theta[:, 2]], axis=1)
-        return plant.respond(moved, block.u)
-
-    rows = np.stack(
-        [
-            block.y - response(0, 0),
-            (response(h, 0) - response(-h, 0)) / (2 * h),
-            (response(0, h) - response(0, -h)) / (2 * h),
-        ],
-        axis=1,
-    )
-    expected = rows @ rows.transpose(0, 2, 1)
-    found = output_gram(Vehicle(), context_of(theta), block.u, block.y, plant.Ts, np.arange(3))
-    size = np.sqrt(np.einsum("bii,bjj->bij", expected, expected))
-    np.testing.assert_allclose(found / size, expected / size, atol=1e-7)
-
-
-def test_rows_choose_episodes():
-    plant = yaw_rate(Task(experiment=replace(SHORT, register="random")))
-    block, rows = episodes_of(plant, "test", 0, 5), np.array([4, 0, 4])
-    theta = np.array([[0.4, 100.0, 20.0], [0.5, 100.0, 20.0], [0.6, 100.0, 20.0]])
-    found = plant.sensitivity.gram(theta, block.u, block.y, rows)
-    for i, row in enumerate(rows):
-        one = slice(row, row + 1)
-        alone = plant.sensitivity.gram(theta[[i]], block.u[one], block.y[one], np.zeros(1, int))
-        np.testing.assert_array_equal(found[[i]], alone)
-
-
 def test_the_parameters_of_clean_outputs_are_found(plant, episodes):
-    theta = episodes.known[:24]
+    theta = episodes.known[:12]
     found = search(plant, episodes.u, plant.respond(theta, episodes.u), start_of(plant, theta))
     assert found.converged.all()
-    # Masses may be nought: a millionth of what the prior leaves open.
-    np.testing.assert_allclose(found.theta, theta, atol=2e-6 * np.ptp(plant.ranges, axis=0).max())
     error = (found.theta - theta)[:, plant.unknown] / plant.width
     assert np.abs(error).max() < 2e-5
 
 
-@pytest.mark.parametrize(
-    "experiment",
-    [SHORT, replace(SHORT, register="random"), Experiment(N=2500)],
-    ids=["default", "own inputs", "short"],
-)
+@pytest.mark.parametrize("experiment", [replace(SHORT, register="random"), Experiment(N=2500)])
 def test_every_corner_of_the_prior_is_found_from_its_middle(experiment):
     plant = yaw_rate(replace(VEHICLE, experiment=experiment))
     u = plant.inputs(np.arange(len(CORNERS), dtype=np.uint64) * np.uint64(997))
@@ -159,10 +115,12 @@ def test_the_cost_is_a_minimum_below_that_of_the_truth(plant, episodes):
             assert (cost(beside) > found.cost).all()
 
 
-def test_a_recordings_parameters_do_not_depend_on_the_batch(plant, episodes):
+@pytest.mark.parametrize("family", ["lag", "motor"])
+def test_a_recordings_parameters_do_not_depend_on_the_batch(family):
+    plant, episodes = FAMILIES[family], recordings(family)
     start = start_of(plant, episodes.known)
     whole = search(plant, episodes.u, episodes.y, start)
-    for count in (1, 3, 17):
+    for count in (1, 3):
         part = episodes.part(slice(0, count))
         found = search(plant, part.u, part.y, start[:count])
         error = (found.theta - whole.theta[:count])[:, plant.unknown] / plant.width
@@ -170,14 +128,12 @@ def test_a_recordings_parameters_do_not_depend_on_the_batch(plant, episodes):
         assert np.abs(error).max() < 1e-6
 
 
-@pytest.mark.parametrize("register", ["same", "random"])
-def test_a_vehicles_parameters_do_not_depend_on_the_batch_at_all(register):
-    plant = yaw_rate(Task(experiment=replace(SHORT, register=register)))
+def test_a_vehicles_parameters_do_not_depend_on_the_batch_at_all():
+    plant = yaw_rate(Task(experiment=replace(SHORT, register="random")))
     block = episodes_of(plant, "test", 0, 20)
     whole = identify(plant, block.u, block.y)
-    for count in (1, 3, 17):
-        u = block.u if len(block.u) == 1 else block.u[:count]
-        part = identify(plant, u, block.y[:count])
+    for count in (1, 17):
+        part = identify(plant, block.u[:count], block.y[:count])
         for name in ("theta", "cost", "steps"):
             np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[:count])
 
@@ -229,19 +185,6 @@ def test_measured_parameters_are_not_searched_for():
     assert np.abs((found.theta[:, 0] / block.theta[:, 0] - 1) / least).max() < 4
 
 
-def test_the_known_vehicle_is_the_tasks():
-    task = Task(vehicle=Vehicle(omega_n=40.0, C_f=110e3), experiment=SHORT)
-    plant = yaw_rate(task)
-    block = episodes_of(plant, "test", 0, 3)
-    recording = Recording(block.u, block.y, plant.Ts)
-    right = plant.oracle(block.theta)
-    found = GrayBox().gains(plant, recording)
-    assert found.converged.all()
-    np.testing.assert_allclose(found.values[:, 0], right[:, 0], rtol=1.5e-2)  # 30 dB, 1000 samples
-    ignorant = GrayBox().gains(PLANT, recording)
-    assert (abs(ignorant.values[:, 0] / right[:, 0] - 1) > 0.02).all()
-
-
 def test_a_wrong_yaw_inertia_biases_the_parameters_and_not_the_gains():
     # mu_s, M_veh and J_z scaled together leave the dynamics as they are.
     theta = np.array([[0.4, 50.0, 20.0], [0.9, 250.0, 20.0]])
@@ -254,24 +197,3 @@ def test_a_wrong_yaw_inertia_biases_the_parameters_and_not_the_gains():
     np.testing.assert_allclose(found.theta[:, 1] + M_0, 1.2 * mass, rtol=1e-6)
     gains = GrayBox().gains(plant, Recording(PLANT.u[None], y, PLANT.Ts)).values
     np.testing.assert_allclose(gains[:, 0], PLANT.oracle(theta)[:, 0], rtol=1e-5)
-
-
-def test_the_speed_is_the_recordings_or_the_tuners_own():
-    theta = np.array([[0.5, 100.0, 27.0]])
-    plant = FAMILIES["vehicle of any speed"]
-    y = plant.respond(theta)
-    with pytest.raises(ValueError, match="v_x"):
-        GrayBox().gains(plant, Recording(plant.u[None], y, plant.Ts))
-    told = GrayBox().gains(plant, Recording(plant.u[None], y, plant.Ts, theta))
-    np.testing.assert_allclose(told.values[:, 0], plant.oracle(theta)[:, 0], rtol=1e-5)
-    assumed = GrayBox().gains(PLANT, Recording(plant.u[None], y, plant.Ts))  # 20 m/s
-    assert abs(assumed.values[0, 0] / told.values[0, 0] - 1) > 0.01
-
-
-def test_the_paper_s_recordings_are_found_at_their_noise():
-    recording = recorded(20)
-    plant = yaw_rate(Task())
-    found = search(plant, recording.u, recording.y, start_of(plant, recording.known))
-    variance = (plant.respond(recording.known) ** 2).mean(axis=1) * 1e-3  # 30 dB
-    # Means of 10 000 squares of noise: standard error 1.4 %.
-    np.testing.assert_allclose(found.cost / 10_000, variance, rtol=5 * 0.0142)

@@ -12,13 +12,6 @@ U = prbs(10_000, TS, 0.1, np.radians(1))
 NOISE = np.random.default_rng(0).standard_normal((3, U.shape[1]))
 
 
-@pytest.mark.parametrize("order, pole, Ts", [(10, 12.0, 0.001), (10, 12.0, 0.01), (16, 30.0, 0.01)])
-def test_impulse_responses_are_orthonormal(order, pole, Ts):
-    N = round(20 / (pole * Ts)) * 10  # the slowest tail has decayed by e^-200
-    phi = Laguerre(order, pole).regressors(np.eye(1, N), Ts)[0]
-    np.testing.assert_allclose(phi @ phi.T, np.eye(order), atol=1e-12)
-
-
 def test_regressors_are_the_filters_of_the_definition():
     a = np.exp(-12.0 * TS)
     expected = [lfilter([0, np.sqrt(1 - a * a)], [1, -a], U[0])]
@@ -29,59 +22,18 @@ def test_regressors_are_the_filters_of_the_definition():
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
-def test_the_first_sample_of_the_input_counts():
-    phi = Laguerre(order=3).regressors(np.eye(1, 100), TS)[0]
-    a = np.exp(-12.0 * TS)
-    # L_i starts with q^-1 sqrt(1 - a^2) (-a)^(i-1): nothing answers in the same sample.
-    np.testing.assert_array_equal(phi[:, 0], 0)
-    np.testing.assert_allclose(phi[:, 1], np.sqrt(1 - a * a) * (-a) ** np.arange(3), rtol=1e-12)
-
-
-@pytest.mark.parametrize("inputs", ["shared", "own"])
-def test_outputs_in_the_span_are_recovered(inputs):
-    rng = np.random.default_rng(1)
-    coefficients = rng.standard_normal((3, 10))
-    u = U if inputs == "shared" else np.array([np.roll(U[0], 1000 * b) for b in range(3)])
-    phi = np.broadcast_to(Laguerre().regressors(u, TS), (3, 10, U.shape[1]))
-    y = np.einsum("bi,bin->bn", coefficients, phi)
-    features, usable = Laguerre()(u, y, TS)
-    assert usable.all()
-    # The regressors' condition number is below 10, and the ridge is 1e-14 of their power.
-    np.testing.assert_allclose(features, coefficients, rtol=1e-10, atol=1e-10)
-
-
-def test_shared_and_own_inputs_agree():
-    shared, _ = Laguerre()(U, NOISE, TS)
-    own, _ = Laguerre()(np.repeat(U, 3, axis=0), NOISE, TS)
-    np.testing.assert_allclose(own, shared, rtol=1e-8)
-
-
 @pytest.mark.parametrize("count", [2, 16, 17])
-def test_own_inputs_do_not_depend_on_the_batch(count):
+def test_an_episodes_features_do_not_depend_on_the_batch(count):
     u, y = np.random.default_rng(6).standard_normal((2, 40, 2000))
     whole, part = Laguerre()(u, y, TS)[0], Laguerre()(u[:count], y[:count], TS)[0]
     np.testing.assert_array_equal(part, whole[:count])
-
-
-@pytest.mark.parametrize("count", [1, 2])
-def test_an_episodes_features_do_not_depend_on_the_batch(count):
-    whole, part = Laguerre()(U, NOISE, TS)[0], Laguerre()(U, NOISE[:count], TS)[0]
-    np.testing.assert_allclose(part, whole[:count], rtol=1e-12)  # BLAS sums in another order
-
-
-@pytest.mark.parametrize("count", [1, 15, 16, 17, 40])
-def test_blocks_of_episodes_join_seamlessly(count):
-    y = np.random.default_rng(2).standard_normal((count, 2000))
-    features, usable = Laguerre()(U[:, :2000], y, TS)
-    phi = Laguerre().regressors(U[:, :2000], TS)[0]
-    expected = np.linalg.lstsq(phi.T, y.T)[0].T
-    assert usable.all()
-    np.testing.assert_allclose(features, expected, rtol=0, atol=1e-9 * abs(expected).max())
+    whole, part = Laguerre()(u[:1], y, TS)[0], Laguerre()(u[:1], y[:count], TS)[0]
+    np.testing.assert_allclose(part, whole[:count], rtol=1e-11)  # BLAS sums in another order
 
 
 @pytest.mark.parametrize("inputs", ["shared", "own"])
-@pytest.mark.parametrize("order", [1, 2, 8])
-@pytest.mark.parametrize("extras", [0, 1, 9])
+@pytest.mark.parametrize("order", [1, 8])
+@pytest.mark.parametrize("extras", [0, 9])
 def test_further_regressors_against_lstsq(inputs, order, extras):
     rng, basis = np.random.default_rng(4), Laguerre(order)
     extra, y = rng.standard_normal((extras, 2000)), rng.standard_normal((17, 2000))
@@ -110,13 +62,6 @@ def test_gram_matrix_from_its_first_row(kind, N):
     scale = np.trace(phi @ phi.transpose(0, 2, 1), axis1=1, axis2=2)[:, None, None]
     np.testing.assert_allclose(gram / scale, phi @ phi.transpose(0, 2, 1) / scale, atol=1e-14)
     np.testing.assert_allclose(right, (phi @ u[::-1, :, None])[..., 0], rtol=1e-9, atol=1e-9)
-
-
-def test_residual_is_orthogonal_to_every_function():
-    features, _ = Laguerre()(U, NOISE, TS)
-    phi = Laguerre().regressors(U, TS)[0]
-    residual = NOISE - features @ phi
-    assert abs(residual @ phi.T).max() < 1e-10 * abs(NOISE @ phi.T).max()
 
 
 @pytest.mark.parametrize("inputs", ["shared", "own"])

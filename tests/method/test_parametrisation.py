@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tuners.tuner.method import Gains
 from yawrate_env.loop.controller import gains
@@ -16,15 +14,14 @@ from yawrate_env.vehicle.yaw_rate import yaw_rate
 KINDS = {"gains": lambda target: GAINS, "log": lambda target: LOG, "loop": loop}
 
 
-@given(
-    kp=st.floats(-3, 1), Ti=st.floats(-3, 2), controller=st.sampled_from(CONTROLLERS)
-)  # decades of the action box
+@pytest.mark.parametrize("controller", CONTROLLERS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_round_trip_over_the_action_box(kind, kp, Ti, controller):
+def test_round_trip_over_the_action_box(kind, controller):
     coordinates = KINDS[kind](Target(controller=controller))
-    pair = np.array([[10**kp, 10**Ti]])
+    kp, Ti = np.meshgrid(np.logspace(-3, 1, 41), np.logspace(-3, 2, 51))
+    pairs = np.stack([kp.ravel(), Ti.ravel()], axis=1)
     # Near -90 degrees the tangent magnifies rounding by up to 1000.
-    np.testing.assert_allclose(coordinates.decode(coordinates.encode(pair)), pair, rtol=1e-11)
+    np.testing.assert_allclose(coordinates.decode(coordinates.encode(pairs)), pairs, rtol=1e-11)
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
@@ -39,12 +36,6 @@ def test_loop_coordinates_are_the_controllers_response(controller):
     expected = np.stack([np.log(abs(C)), np.angle(C)], axis=1)
     found = loop(target).encode(np.stack([kp, Ti], axis=1))
     np.testing.assert_allclose(found, expected, rtol=1e-12)
-
-
-def test_gains_are_taken_literally():
-    pairs = np.array([[0.2, 0.08], [3.0, 5.0]])
-    np.testing.assert_array_equal(GAINS.encode(pairs), pairs)
-    np.testing.assert_allclose(LOG.encode(pairs), np.log(pairs))
 
 
 @pytest.mark.parametrize("degrees", [-5.0, 3.0])

@@ -20,7 +20,7 @@ from tuners.tuner.training import calibrate, recipe_for
 from tuners.tuner.tuner_file import TunerFileError
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import recorded
-from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 QUICK = Recipe(Laguerre(8, 2.0), FeedForwardSettings(neurons=6, epochs=40), noise_draws=2)
@@ -44,7 +44,7 @@ def test_every_learner_is_saved_with_its_plant(tmp_path):
     np.testing.assert_array_equal(found.values, expected.values)
 
 
-@pytest.mark.parametrize("crossover", [1.0, 4.2, 12.0, 24.0])
+@pytest.mark.parametrize("crossover", [1.0, 24.0])
 def test_white_noise_is_never_coloured(tuner, crossover):
     own = Tuner(described(linear=True, crossover=crossover), tuner.method)
     recording = Recording(U[None], recorded(plant, "test", 0, 64).y, TS)
@@ -52,11 +52,11 @@ def test_white_noise_is_never_coloured(tuner, crossover):
     assert (colour.values <= colour.limit).mean() > 0.98
 
 
-@pytest.mark.parametrize("ppm", [-100, -2, 2, 100])
-def test_clocks_may_differ_by_a_few_ppm(tuner, ppm):
+def test_clocks_may_differ_by_a_few_ppm(tuner):
     y = recorded(plant, "test", 0, 1).y[0]
-    exact, off = (tuner.tune(U, y, TS * (1 + one * 1e-6)) for one in (0, ppm))
-    assert off.gains == pytest.approx(exact.gains, rel=2e-3) and off.notes == ()
+    exact, *others = (tuner.tune(U, y, TS * (1 + ppm * 1e-6)) for ppm in (0, -100, -2, 2, 100))
+    for off in others:
+        assert off.gains == pytest.approx(exact.gains, rel=2e-3) and off.notes == ()
 
 
 def test_resampling_holds_what_held_over_the_larger_part():
@@ -78,26 +78,18 @@ def test_plants_that_no_gains_suit_ask_for_no_interval():
     assert np.isfinite(own.fallback).all()
 
 
-def test_what_calibrates_nothing_is_refused():
-    def judge(theta, gains):
-        return np.where(theta[:, :1] > 1.6, np.nan, gains[:, :1] / design(theta)[:, :1])
-
-    unstable = described(evaluate=judge, metrics={"gain": 1.0})
-    with pytest.raises(ValueError, match="of 128 loops that calibrate .*at most a tenth"):
-        tuners.train(QUICK, unstable, episodes=100, calibration=128)
-
-
 @pytest.mark.parametrize(
-    "task",
+    "changes",
     [
-        Task(prior=Prior(mu_s=(0.8, 0.8), M_delta=(100.0, 100.0))),
-        Task(prior=Prior(mu_s=(0.8, 0.8))),
-        Task(target=Target(phase_margin=5.0)),
+        {"prior": Prior(mu_s=(0.8, 0.8), M_delta=(100.0, 100.0))},
+        {"prior": Prior(mu_s=(0.8, 0.8))},
+        {"target": Target(phase_margin=5.0)},
     ],
 )
-def test_what_is_known_or_cannot_be_reached_does_not_stop_a_calibration(task):
+def test_what_is_known_or_cannot_be_reached_does_not_stop_a_calibration(changes):
+    task = Task(experiment=Experiment(Ts=0.01, N=1000), **changes)
     tuner = tuners.load("gb", yaw_rate(task))
-    calibrate(tuner, 128)
+    calibrate(tuner, 60)
     assert np.isfinite(tuner.calibration).all()
 
 
@@ -121,11 +113,15 @@ def test_a_plant_that_writes_into_its_arguments_can_be_pinned():
         ({"plausible": (1.0, 9.0)}, "its plausible changed"),
         ({"search_limits": {"K": (0.1, 3.0)}}, "its search_limits changed"),
         ({"excite": lambda integers: np.tile(-U, (len(integers), 1))}, "its recordings changed"),
+        ({"design": lambda theta: 1.01 * design(theta)}, "design"),
+        ({"simulate": lambda theta, u, rng: 1.01 * simulate(theta, u, rng)}, "simulate"),
+        ({"prior": {"K": (0.5, 2.1), "T": (0.2, 1.0)}}, "prior"),
+        ({"noise": 0.1}, "noise"),
     ],
 )
 def test_all_that_a_tuner_depends_on_is_compared(tuner, tmp_path, change, words):
     tuner.save(tmp_path / "own.tuner")
-    own = described(simulate=broadcast, **change)
+    own = described(**{"simulate": broadcast} | change)
     with pytest.raises(TunerFileError, match=words):
         tuners.load(tmp_path / "own.tuner", own)
 
@@ -166,14 +162,12 @@ def test_a_log_too_slow_for_what_bends_between_its_samples_is_not_trusted(tuner)
     assert not between.passed and any("record faster" in reason for reason in result.reasons)
 
 
-@pytest.mark.parametrize("v_x, doubted", [(20.0, False), (149.0, False), (160.0, True)])
-def test_a_speed_beyond_a_cars_is_doubted_by_who_knows_every_speed(v_x, doubted):
+def test_a_speed_beyond_a_cars_is_doubted_by_who_knows_every_speed():
     cars = yaw_rate(Task())
-    test = recorded(cars, "test", 0, 1)
-    theta = np.where(np.arange(3) == 2, v_x, test.theta)
-    recording = Recording(test.u, test.y, cars.Ts, theta)
-    speed = tuners.load("gb").assess(recording)[1].findings["speed"]
-    assert (speed.values[0] > speed.limit) == doubted
+    test = recorded(cars, "test", 0, 3)
+    theta = np.column_stack([test.theta[:, :2], [20.0, 149.0, 160.0]])
+    speed = tuners.load("gb").assess(Recording(test.u, test.y, cars.Ts, theta))[1].findings["speed"]
+    assert (speed.values > speed.limit).tolist() == [False, False, True]
 
 
 @pytest.mark.parametrize("count, finite", [(0, False), (8, False), (9, True)])

@@ -59,7 +59,7 @@ def test_recordings_from_rest_are_left_alone(family):
 @pytest.mark.parametrize("register", ["same", "random"])
 def test_a_start_in_mid_drive_is_found_and_taken_out(register):
     plant = yaw_rate(Task(experiment=Experiment(register=register)))
-    block = recorded(plant, "test", 0, 6)
+    block = recorded(plant, "test", 0, 4)
     u, y = block.u[:, 3000:], block.y[:, 3000:] + 0.02
     model = black_box(plant, FUNCTIONS, u, y, "auto")
     assert model.unknown.all()
@@ -79,29 +79,21 @@ def test_offsets_of_the_input_end_up_in_the_constant():
     np.testing.assert_allclose(model.offset, -0.005 * gain, rtol=0.1)
 
 
-def test_features_do_not_notice_what_was_taken_out():
-    rest, stage = recordings("vehicle"), Laguerre(8, 12.0)
-    plain, _ = stage(rest.u, rest.y, rest.Ts)
-    biased = modelled("vehicle", replace(rest, y=rest.y + 0.05), "unknown")
-    found, _ = stage(biased.u, biased.y, rest.Ts)
-    assert np.abs(found - plain).max() < 0.04 * np.abs(plain).max()
-
-
 @pytest.mark.parametrize("start", ["rest", "unknown"])
 def test_both_ways_to_the_normal_equations_give_one_answer(start):
-    rest = recordings("vehicle")
+    rest = recordings("vehicle").part(slice(0, 6))
     own = replace(rest, u=np.repeat(rest.u, len(rest), axis=0))
     one, other = modelled("vehicle", rest, start), modelled("vehicle", own, start)
     np.testing.assert_allclose(one.coefficients, other.coefficients, rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(one.residual, other.residual, rtol=1e-8)
 
 
-def test_bad_input_is_refused(family):
-    rest = recordings(family)
+def test_bad_input_is_refused():
+    rest = recordings("lag")
     with pytest.raises(ValueError, match="start = 'moving'"):
-        modelled(family, rest, "moving")
+        modelled("lag", rest, "moving")
     with pytest.raises(ValueError, match="samples are too few"):
-        modelled(family, replace(rest, u=rest.u[:, :90], y=rest.y[:, :90]), "auto")
+        modelled("lag", replace(rest, u=rest.u[:, :90], y=rest.y[:, :90]), "auto")
 
 
 def test_resampling_keeps_inputs_and_follows_the_output():

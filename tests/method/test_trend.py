@@ -21,15 +21,15 @@ def data(rows=400, seed=0):
 
 def test_a_quadratic_is_a_trend_and_leaves_nothing_to_the_learner():
     (X, T), (X_val, T_val) = data(), data(seed=1)
-    model = TrendSettings(STUMPS, degree=2).fit(X, T, X_val, T_val, 0)
+    model = TrendSettings(STUMPS, degree=2).fit([(X, T)], [(X_val, T_val)], 0)
     np.testing.assert_allclose(model(X_val), T_val, atol=1e-6)
-    linear = TrendSettings(STUMPS, degree=1).fit(X, T, X_val, T_val, 0)
+    linear = TrendSettings(STUMPS, degree=1).fit([(X, T)], [(X_val, T_val)], 0)
     assert np.abs(linear(X_val) - T_val).max() > 0.5
 
 
 def test_the_learner_sees_decorrelated_features():
     (X, T), (X_val, T_val) = data(), data(seed=1)
-    model = TrendSettings(STUMPS).fit(X, T, X_val, T_val, 0)
+    model = TrendSettings(STUMPS).fit([(X, T)], [(X_val, T_val)], 0)
     inputs = (X - model.mean) @ model.matrix
     assert inputs.shape == (400, 3)  # the constant column says nothing
     np.testing.assert_allclose(inputs.T @ inputs / 400, np.eye(3), atol=1e-6)
@@ -39,9 +39,9 @@ def test_the_learner_sees_decorrelated_features():
 def test_data_in_parts_make_the_same_model(rest):
     (X, T), (X_val, T_val) = data(), data(seed=1)
     settings = TrendSettings(rest, degree=2)
-    whole = settings.fit(X, T, X_val, T_val, 0)
+    whole = settings.fit([(X, T)], [(X_val, T_val)], 0)
     parts = [(X[i : i + 150], T[i : i + 150]) for i in range(0, 400, 150)]
-    same = settings.fit_batches(parts, [(X_val, T_val)], 0)
+    same = settings.fit(parts, [(X_val, T_val)], 0)
     np.testing.assert_allclose(same(X_val), whole(X_val), atol=1e-5)
 
 
@@ -54,5 +54,5 @@ def test_polynomials_have_every_monomial_once():
 @pytest.mark.parametrize("rest", [STUMPS, FeedForwardSettings(neurons=3, epochs=5)])
 def test_arrays_round_trip_exactly(rest):
     (X, T), (X_val, T_val) = data(), data(seed=1)
-    model = TrendSettings(rest, degree=2).fit(X, T, X_val, T_val, 0)
+    model = TrendSettings(rest, degree=2).fit([(X, T)], [(X_val, T_val)], 0)
     np.testing.assert_array_equal(Trend.from_arrays(model.arrays())(X_val), model(X_val))

@@ -16,19 +16,19 @@ from tuners.trust.fit import fit, noise_level
 from tuners.trust.intervals import GAUSSIAN, conformal
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import GrayBox, Nominal, Oracle
-from tuners.tuner.training import assessed, calibrate
+from tuners.tuner.training import calibrate
 from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import recorded, sample
 from yawrate_env.plant.metric import Metric
-from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import theta_of, yaw_rate
 
 
 @pytest.mark.parametrize("start", ["rest", "unknown"])
 @pytest.mark.parametrize("family", LINEAR)
 def test_the_fitted_plant_is_as_far_off_as_its_covariance_says(family, start):
-    plant, episodes = FAMILIES[family], recordings(family, 40 if family in SLOW else 128)
+    plant, episodes = FAMILIES[family], recordings(family, 40 if family in SLOW else 64)
     model = black_box(plant, trained(family).black_box, episodes.u, episodes.y, start)
     found = fit(plant, model, episodes.y, episodes.parameters(plant))
     np.testing.assert_array_equal(found.theta[:, plant.known], episodes.known[:, plant.known])
@@ -109,7 +109,7 @@ def test_gains_that_miss_are_not_trusted(kind):
     assert made.real or not found.trusted.any()
 
 
-@pytest.mark.parametrize("family", LINEAR)
+@pytest.mark.parametrize("family", ["lag", "vehicle", "motor"])
 def test_a_disturbance_around_the_crossover_is_noticed(family):
     plant, episodes = FAMILIES[family], recordings(family).part(slice(0, 8))
     times = plant.Ts * np.arange(len(plant.u))
@@ -120,7 +120,9 @@ def test_a_disturbance_around_the_crossover_is_noticed(family):
     assert (found.findings["colour"].values > found.findings["colour"].limit).any()
 
 
-def test_the_fixed_controller_is_not_trusted_where_it_misses(family, plant, episodes):
+@pytest.mark.parametrize("family", ["lag", "vehicle"])
+def test_the_fixed_controller_is_not_trusted_where_it_misses(family):
+    plant, episodes = FAMILIES[family], recordings(family)
     gains, found = reference(family, Nominal).assess(episodes)
     far = np.abs(plant.errors(episodes.known, gains.values) / plant.metric_setting("error")) > 1.5
     assert far.any() and not found.trusted[far.any(axis=1)].any()
@@ -168,23 +170,12 @@ def test_too_few_and_unstable_episodes_calibrate_nothing():
         calibrate(Tuner(brittle, Nominal()), 60)
 
 
-def test_assessments_come_in_parts_that_do_not_matter():
-    parts = list(assessed(trained("vehicle"), "test", 130, 0))
-    assert [len(block) for block, _, _ in parts] == [128, 2]
-    whole = recorded(FAMILIES["vehicle"], "test", 0, 130)
-    np.testing.assert_array_equal(np.concatenate([b.y for b, _, _ in parts]), whole.y)
-    actual = np.concatenate([actual for _, _, actual in parts])
-    assert actual.shape == (130, 2) and np.abs(actual - [60, 1.5]).max() < 1
-
-
-ALL_SPEEDS = Task(prior=Prior(v_x=(10.0, 33.0)))
 DELAYED = Task(target=Target(phase_margin=45.0, crossover=1.0, delay_samples=1))
 
 
-@pytest.mark.parametrize("name", [*FAMILIES, "all speeds", "delayed"])
+@pytest.mark.parametrize("name", [*FAMILIES, "delayed"])
 def test_the_fallback_is_stable_for_the_whole_prior(name):
-    others = {"all speeds": yaw_rate(ALL_SPEEDS), "delayed": yaw_rate(DELAYED)}
-    plant = FAMILIES.get(name) or others[name]
+    plant = FAMILIES.get(name) or yaw_rate(DELAYED)
     gains = fallback(plant)
     low, high = plant.ranges
     grid = np.stack(np.meshgrid(*np.linspace(low, high, 9).T), axis=-1).reshape(-1, len(low))
@@ -237,9 +228,8 @@ def test_a_parameter_that_is_a_point_is_known():
 def test_as_many_functions_as_noise_asks_for():
     for plant in (p for p in FAMILIES.values() if p.linear and p.black_box is None):
         y = plant.respond(sample(plant, 64))
-        fits = (
+        rest, moving = (
             black_box(plant, functions_for(plant), plant.u[None], y, start).residual
             for start in ("rest", "unknown")
         )
-        rest, moving = fits
         assert (rest - moving <= 4.0 * plant.sigma(y) ** 2).all()

@@ -9,12 +9,11 @@ import torch
 from matplotlib.figure import Figure
 from scipy.stats import trim_mean
 
-from studies import comparison, curve_plots, plots
+from studies import comparison, curve_plots, palette, plots
 from studies.comparison import Score, curve, interquartile_mean
 from studies.metrics import bootstrap_interval
 from tuners.agents import training as rl_training
 from tuners.agents.settings import Training
-from tuners.cli.report import palette
 from tuners.tuner.evaluation import Evaluation
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate

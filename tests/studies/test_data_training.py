@@ -95,11 +95,11 @@ def test_how_the_data_are_cut_does_not_matter(learner):
     X = rng.standard_normal((500, 3))
     T = np.stack([np.sin(X[:, 0]) + X[:, 1], X[:, 1] * X[:, 2]], axis=1)
     validation = [(X[400:], T[400:])]
-    whole = learner.fit(X[:400], T[:400], *validation[0], 0)
+    whole = learner.fit([(X[:400], T[:400])], validation, 0)
     for cuts in ([400], [1, 399], [37] * 10 + [30]):
         ends = np.cumsum([0, *cuts])
         parts = [(X[i:j], T[i:j]) for i, j in zip(ends[:-1], ends[1:], strict=True)]
-        found = learner.fit_batches(parts, validation, 0)
+        found = learner.fit(parts, validation, 0)
         np.testing.assert_allclose(found(X), whole(X), rtol=1e-6, atol=1e-6)
 
 

@@ -10,12 +10,11 @@ from recordings import recorded
 from scipy.signal import welch
 
 import tuners
-from studies import conditions, draws, off_design, off_design_page, pictures, plots
+from studies import conditions, draws, off_design, off_design_page, palette, pictures, plots
 from studies.bounds import bound_on
 from studies.conditions import SPEED, SWEEPS
 from studies.metrics import rms
 from studies.off_design import Accuracy, cell, measure, study
-from tuners.cli.report import palette
 from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.path import Path
 from recordings import ROOT
 
-from studies import plots
-from tuners.cli.report import palette
+from studies import palette, plots
 
 NAMES = ("gb", "ts-ff", "ts-gbm")
 TIME = 0.01 * np.arange(400)

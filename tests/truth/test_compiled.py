@@ -13,7 +13,7 @@ from yawrate_env import compiled
 
 
 @pytest.mark.parametrize("cores", [1, 4])
-@pytest.mark.parametrize("items", [0, 1, 15, 16, 17, 160])
+@pytest.mark.parametrize("items", [0, 1, 16, 17, 160])
 def test_blocks_cover_every_item_once(monkeypatch, cores, items):
     monkeypatch.setattr(compiled, "cores", lambda: cores)
     counts, sizes = np.zeros(items, dtype=int), []

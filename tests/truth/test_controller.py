@@ -9,7 +9,7 @@ from yawrate_env.loop.target import CONTROLLERS, Target
 
 KP = st.floats(1e-3, 10.0)
 TI = st.floats(1e-3, 100.0)
-SAMPLING_TIMES = [0.001, 0.01, 0.05]
+SAMPLING_TIMES = [0.001, 0.05]
 FORMS = pytest.mark.parametrize("form", CONTROLLERS)
 
 
@@ -27,14 +27,6 @@ def test_printed_form_is_eq_13_to_the_letter(Ts, kp, Ti):
     ours = evaluated(kp, Ti, Target(Ts=Ts, controller="printed"), z)
     # z + (Ts - 2Ti)/(Ts + 2Ti) cancels by up to 2Ti/(0.01 Ts) = 1e7 at the lowest frequency.
     np.testing.assert_allclose(ours, printed, rtol=1e-9, atol=1e-12 * kp)
-
-
-@pytest.mark.parametrize("Ts", SAMPLING_TIMES)
-@given(kp=KP, Ti=TI)
-def test_pi_is_tustins_rule_on_kp_and_Ti(Ts, kp, Ti):
-    z = np.exp(1j * np.linspace(0.01, 3.1, 50))
-    expected = kp * (1 + Ts / (2 * Ti) * (z + 1) / (z - 1))
-    np.testing.assert_allclose(evaluated(kp, Ti, Target(Ts=Ts), z), expected, rtol=1e-11)
 
 
 @pytest.mark.parametrize("Ts", SAMPLING_TIMES)
@@ -65,14 +57,6 @@ def test_gains_undo_the_response(form, kp, Ti):
     back = gains(*response(np.array([kp]), np.array([Ti]), target), target)
     # The phase comes within 1e-3 rad of 0 or -90 degrees, where tan loses three digits.
     np.testing.assert_allclose(back, [[kp], [Ti]], rtol=1e-12)
-
-
-@FORMS
-@given(log_magnitude=st.floats(-8, 3), phase=st.floats(-1.57, -1e-4))
-def test_response_undoes_the_gains(form, log_magnitude, phase):
-    target = Target(controller=form)
-    wanted = np.array([[log_magnitude], [phase]])
-    np.testing.assert_allclose(response(*gains(*wanted, target), target), wanted, atol=1e-12)
 
 
 def test_the_printed_form_has_no_integrator():

@@ -26,12 +26,6 @@ def test_zoh_is_the_matrix_exponential(Ts, xi):
     assert plant.Ts == Ts and len(plant) == 30
 
 
-def test_double_integrator_is_exact():
-    plant = zoh(np.array([[[0.0, 1.0], [0.0, 0.0]]]), np.array([[0.0, 1.0]]), np.ones(2), 0.5)
-    np.testing.assert_array_equal(plant.A[0], [[1, 0.5], [0, 1]])
-    np.testing.assert_array_equal(plant.B[0], [0.125, 0.5])
-
-
 @pytest.mark.parametrize("scale", [1e-3, 0.1, 1.0, 30.0])
 def test_expm_agrees_with_scipy_at_any_norm(scale):
     X = scale * np.random.default_rng(0).standard_normal((20, 5, 5))
@@ -53,27 +47,6 @@ def test_sensitivities_are_frechet_derivatives(Ts):
         tolerance = 1e-12 * np.abs(dE).max()
         np.testing.assert_allclose(dAd[b, p], dE[:-1, :-1], rtol=0, atol=tolerance)
         np.testing.assert_allclose(dBd[b, p], dE[:-1, -1], rtol=0, atol=tolerance)
-
-
-@pytest.mark.parametrize(("name", "p", "step"), [("mu_s", 0, 1e-4), ("M_delta", 1, 1.0)])
-def test_sensitivities_are_central_differences_of_the_whole_chain(name, p, step):
-    vehicle, context, Ts = Vehicle(), contexts(10, seed=2), 0.01
-    dA = state_space_sensitivity(vehicle, context)
-    _, dAd, dBd = zoh_with_sensitivity(*state_space(vehicle, context), dA, Ts)
-    up, down = (
-        zoh(
-            *state_space(
-                vehicle,
-                Context.of(**{n: getattr(context, n) + (n == name) * h for n in Context.__slots__}),
-            ),
-            Ts,
-        )
-        for h in (step, -step)
-    )
-    # Truncation is about (step/value)^2 = 1e-7, rounding 1e-16/step of the entries.
-    for exact, high, low in ((dAd[:, p], up.A, down.A), (dBd[:, p], up.B, down.B)):
-        scale = np.abs(exact).max()
-        np.testing.assert_allclose(exact, (high - low) / (2 * step), rtol=0, atol=1e-6 * scale)
 
 
 def test_one_plant_does_not_depend_on_the_batch():

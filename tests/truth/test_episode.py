@@ -25,13 +25,10 @@ def noise_free(task, drawn):
 def test_an_episode_is_seeded_by_its_number():
     words = stream(7, 3, 2, WORDS)
     assert words.shape == (2, WORDS) and words.dtype == np.uint64
+    np.testing.assert_array_equal(stream(7, 0, 5, WORDS)[3:], words)
     for row, episode in zip(words, (3, 4), strict=True):
         seed = np.random.SeedSequence(7, spawn_key=(episode,))
         np.testing.assert_array_equal(row, seed.generate_state(WORDS, np.uint64))
-
-
-def test_episodes_do_not_depend_on_how_they_are_split():
-    np.testing.assert_array_equal(stream(1, 5, 3, WORDS), stream(1, 0, 8, WORDS)[5:])
 
 
 def test_context_is_uniform_over_the_prior_and_independent():
@@ -92,8 +89,8 @@ def test_random_registers_start_where_the_draw_says():
         np.testing.assert_array_equal(row[::100], np.radians(1.0) * expected)
 
 
-@pytest.mark.parametrize("N", [200, 8192, 10_000, 20_001])
-@pytest.mark.parametrize("count", [1, 3, 17, 40])
+@pytest.mark.parametrize("N", [200, 8192, 20_001])
+@pytest.mark.parametrize("count", [1, 17])
 def test_a_recording_does_not_depend_on_the_batch(N, count):
     task = Task(experiment=Experiment(N=N, register="random"))
     drawn = draw(task, 57)

@@ -5,10 +5,8 @@ from systems import CASES, contexts, control_plant, random_loops
 
 from yawrate_env.batch import take
 from yawrate_env.loop.closed_loop import poles, stable
-from yawrate_env.loop.design import design
 from yawrate_env.loop.discretisation import zoh
 from yawrate_env.loop.margins import TransferFunction, margins, open_loop
-from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.episode import plants
 from yawrate_env.vehicle.single_track import Vehicle
 
@@ -41,25 +39,12 @@ def test_transfer_function_is_the_plants_frequency_response(Ts):
         np.testing.assert_allclose(response, expected, rtol=0, atol=1e-10 * abs(expected).max())
 
 
-def test_series_connection_multiplies_responses_and_adds_delays():
-    G = integrators([1.0, 2.0], delay=1)
-    omega = np.array([0.1, 1.0, 100.0])
-    np.testing.assert_allclose((G * G)(omega), G(omega) ** 2, rtol=1e-14)
-    assert (G * G).delay_samples == 2
-
-
-def test_crossover_lies_on_the_unit_circle(loops):
+def test_crossover_and_phase_margin_agree_with_python_control(loops):
     omega = 2 * np.pi * loops.found.crossover
     crossing = np.isfinite(omega)
     assert crossing.sum() >= 50
     L = loops.response(np.where(crossing, omega, 1.0))
     np.testing.assert_allclose(np.abs(L[crossing]), 1, rtol=1e-9)
-
-
-def test_phase_margin_agrees_with_python_control(loops):
-    omega = 2 * np.pi * loops.found.crossover
-    crossing = np.isfinite(omega)
-    L = loops.response(np.where(crossing, omega, 1.0))
     expected = np.degrees(np.angle(-L[crossing]))
     np.testing.assert_allclose(loops.found.phase_margin[crossing], expected, rtol=1e-9, atol=1e-9)
     assert np.isnan(loops.found.phase_margin[~crossing]).all()
@@ -146,20 +131,6 @@ def test_sampled_integrator_in_closed_form(delay):
         np.testing.assert_allclose(found.modulus_margin, 1 - k * TS / 2, rtol=1e-12)
 
 
-def test_sampled_first_order_lag_in_closed_form():
-    # k/(1 + s T) behind a zero-order hold is k (1 - a)/(z - a) with a = exp(-Ts/T).
-    k, T = np.array([1.5, 3.0, 10.0]), 0.3
-    a = np.exp(-TS / T)
-    plant = zoh(np.full((3, 1, 1), -1 / T), k[:, None] / T, np.ones(1), TS)
-    found = margins(TransferFunction.of(plant))
-    theta = np.arccos((1 + a**2 - (k * (1 - a)) ** 2) / (2 * a))
-    np.testing.assert_allclose(found.crossover, theta / (2 * np.pi * TS), rtol=1e-10)
-    phase = np.arctan2(np.sin(theta), np.cos(theta) - a)
-    np.testing.assert_allclose(found.phase_margin, 180 - np.degrees(phase), rtol=1e-10)
-    limit = 20 * np.log10((1 + a) / (k * (1 - a)))  # real at the Nyquist frequency only
-    np.testing.assert_allclose(found.gain_margin, limit, rtol=1e-10)
-
-
 def test_last_of_several_crossovers_is_reported():
     # An undamped-looking resonance at 5 rad/s lifts k/s over one again.
     A = np.array([[[0.0, 1, 0], [-25, -0.2, 25], [0, 0, 0]]])
@@ -173,22 +144,7 @@ def test_last_of_several_crossovers_is_reported():
     assert found.crossover[0] * 2 * np.pi == pytest.approx(last, abs=2 * (omega[1] - omega[0]))
 
 
-def test_one_sample_of_delay_costs_five_point_four_degrees():
-    plant, target = plants(Vehicle(), contexts(10, seed=3), TS), Target()
-    gains = design(TransferFunction.of(plant), target)
-    delayed = TransferFunction.of(plant, delay_samples=1)
-    found = margins(open_loop(delayed, gains.kp, gains.Ti, target))
-    np.testing.assert_allclose(found.crossover, 1.5, rtol=1e-12)
-    np.testing.assert_allclose(found.phase_margin, 60 - 360 * 1.5 * 0.01, rtol=1e-11)
-
-
-def test_a_loop_below_one_has_no_crossover():
-    plant = zoh(np.full((1, 1, 1), -1.0), np.full((1, 1), 0.5), np.ones(1), TS)
-    found = margins(TransferFunction.of(plant))
-    assert np.isnan([found.crossover, found.phase_margin, found.delay_margin]).all()
-
-
-@pytest.mark.parametrize("count", [1, 3, 17, 40, 150])
+@pytest.mark.parametrize("count", [1, 17, 150])
 def test_one_loop_does_not_depend_on_the_batch(count):
     loops = random_loops("pi", 1)
     part = slice(7, 7 + count)

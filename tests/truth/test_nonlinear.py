@@ -12,7 +12,7 @@ from studies.nonlinear_reference import axle, solve
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.signals.excitation import prbs
-from yawrate_env.vehicle.nonlinear import Body, Limits, NonlinearTwin, Tyre
+from yawrate_env.vehicle.nonlinear import Limits, NonlinearTwin, Tyre
 from yawrate_env.vehicle.nonlinear import tyre as tyres
 from yawrate_env.vehicle.nonlinear.body import GRAVITY
 from yawrate_env.vehicle.nonlinear.steering import PIECE, PIECES, cut
@@ -83,20 +83,15 @@ def test_an_axle_with_load_transfer_is_the_sum_of_its_wheels(mass):
         assert found == pytest.approx(expected(slip, q), rel=1e-11)
 
 
-@pytest.mark.parametrize("degrees", [1.0, 4.0])  # at 4 degrees the steering rate is limited
-def test_integration_error_is_below_1e_8(degrees):
-    u = command(degrees)
-    y = driven(TWIN, CORNERS, u)
+# At 4 degrees the steering rate is limited; 0.01 s is the controller's sampling time.
+@pytest.mark.parametrize("degrees, Ts", [(1.0, 0.001), (4.0, 0.001), (4.0, 0.01)])
+def test_integration_error_is_below_1e_8(degrees, Ts):
+    u = command(degrees, round(1.5 / Ts), Ts)
+    y = driven(TWIN, CORNERS, u, Ts)
     for b, c in enumerate(np.stack([CORNERS.mu_s, CORNERS.M_delta, CORNERS.v_x], axis=1)):
-        expected = solve(Vehicle(), TWIN, tuple(c.tolist()), u, 0.001)
+        expected = solve(Vehicle(), TWIN, tuple(c.tolist()), u, Ts)
         assert np.abs(y[b] - expected).max() < 1e-8
         assert np.abs(y[b]).max() > 0.1 * math.radians(degrees)
-
-
-def test_integration_error_is_below_1e_8_at_the_controllers_sampling_time():
-    u, context = command(4.0, N=150, Ts=0.01), (0.3, 0.0, 20.0)
-    y = driven(TWIN, Context.of(*context), u, Ts=0.01)
-    assert np.abs(y[0] - solve(Vehicle(), TWIN, context, u, 0.01)).max() < 1e-8
 
 
 def test_small_signals_see_the_linear_vehicle():
@@ -128,17 +123,7 @@ def test_cornering_is_bounded_by_friction():
     assert (driven(LinearTwin(), context, command).mean(axis=1) > 2 * bound).all()
 
 
-def test_speed_is_lost_in_bends_only():
-    # A bend at half the speed has, for an understeering vehicle, another yaw rate.
-    held = np.full(8000, math.radians(3.0))
-    heavy_drag = replace(TWIN, body=Body(drag=40.0))
-    context = Context.of(0.9, 0.0, 20.0)
-    lossy, plain = driven(heavy_drag, context, held), driven(TWIN, context, held)
-    assert abs(lossy[0, -1] - plain[0, -1]) > 1e-4
-    np.testing.assert_array_equal(driven(heavy_drag, context, 0 * held), 0.0)
-
-
-@pytest.mark.parametrize("B", [1, 3, 17, 40])
+@pytest.mark.parametrize("B", [1, 17])
 def test_one_vehicle_does_not_depend_on_the_batch(B):
     context, rng = contexts(40, seed=5), np.random.default_rng(5)  # 10 to 33 m/s: 1 or 2 steps
     bits = rng.choice([-1.0, 1.0], (40, 5))
@@ -172,29 +157,11 @@ def test_the_limited_actuator_does_not_depend_on_the_sampling_time(xi):
     assert coarse[2].max() > 1 and coarse[2].mean() < 1.2  # cut, but rarely
 
 
-def test_without_its_limit_the_actuator_is_the_linear_one():
-    steps = np.repeat([0.1, -0.1], 200)
-    angle, *_ = actuator(steps, 1e3, 1e-3)
-    A = np.array([[0.0, 1.0], [-(31.4**2), -2 * 0.9 * 31.4]])
-    values, vectors = np.linalg.eig(A)
-    settled = vectors @ (np.exp(values * 0.2) * np.linalg.solve(vectors, [-0.1, 0.0]))
-    assert angle[199] == pytest.approx(0.1 + settled[0].real, abs=1e-13)
-
-
 def test_the_command_is_clipped_to_the_angle_limit():
     narrow = replace(TWIN, limits=Limits(angle=math.radians(2.0)))
     np.testing.assert_array_equal(
         driven(narrow, CORNERS, command(4.0)), driven(narrow, CORNERS, command(2.0))
     )
-
-
-def test_load_transfer_and_load_dependence_matter_at_four_degrees_only():
-    level = replace(TWIN, body=Body(height=0.0))
-    for degrees, least, most in ((0.25, 0, 1e-3), (4.0, 1e-2, 0.3)):
-        u = command(degrees, N=3000)
-        y = driven(TWIN, CORNERS, u)
-        change = np.abs(driven(level, CORNERS, u) - y).max(axis=1) / np.abs(y).max(axis=1)
-        assert least <= change.max() < most
 
 
 @pytest.mark.parametrize("twin", [LinearTwin(), TWIN, replace(TWIN, tyre=Tyre(friction=0.8))])
@@ -209,25 +176,14 @@ def test_numerical_trouble_is_refused_beforehand():
         driven(TWIN, Context.of(0.5, 9000.0, 20.0), command(1.0))
 
 
-@pytest.mark.parametrize(
-    ("part", "setting", "value"),
-    [
-        ("tyre", "shape", 2.5),
-        ("tyre", "friction_loss", 1.0),
-        ("body", "track", 0.0),
-        ("body", "front_share", 1.2),
-        ("body", "drag", 1e6),
-        ("limits", "rate", 1e9),
-        ("limits", "rate", -1.0),
-        ("limits", "angle", 35.0),
-    ],
-)
-def test_bad_parameters_are_refused(part, setting, value):
-    with pytest.raises(ValueError, match=f"{part} {setting} = "):
-        NonlinearTwin.of(**{part: {setting: value}})
+BAD = [("tyre", "shape", 2.5), ("tyre", "friction_loss", 1.0), ("body", "front_share", 1.2)]
+BAD += [("body", "drag", 1e6), ("limits", "rate", 1e9), ("limits", "angle", 35.0)]
 
 
-@pytest.mark.parametrize("parts", [{"limits": {"speed": 1.0}}, {"tyre": 3.0}])
-def test_unknown_parameters_are_refused(parts):
-    with pytest.raises(ValueError, match=next(iter(parts))):
-        NonlinearTwin.of(**parts)
+def test_bad_and_unknown_parameters_are_refused():
+    for part, setting, value in BAD:
+        with pytest.raises(ValueError, match=f"{part} {setting} = "):
+            NonlinearTwin.of(**{part: {setting: value}})
+    for parts in ({"limits": {"speed": 1.0}}, {"tyre": 3.0}):
+        with pytest.raises(ValueError, match=next(iter(parts))):
+            NonlinearTwin.of(**parts)

@@ -34,39 +34,38 @@ def tuned(row, plant=None):
     return pidtune(plant or system(row), row["kind"], **options)
 
 
+def stable(L):
+    """Whether python-control's poles of the closed loop are."""
+    poles = control.feedback(L, 1).poles()
+    return bool((np.abs(poles) < 1).all() if L.dt else (poles.real < 0).all())
+
+
 def loop_at(C, G, omega, delay=0.0):
     """Open loop by python-control alone."""
     at = np.exp(1j * omega * G.dt) if G.dt else 1j * omega
     return C(at) * G(at) * np.exp(-1j * omega * delay)
 
 
-def test_the_table_is_wide():
-    plants = {(r["name"], r["dt"], r["delay"]) for r in TABLE}
-    assert len(plants) >= 30 and len(TABLE) >= 70
-    assert {len(r["den"]) - 1 for r in TABLE} >= {1, 2, 3, 4, 5, 6}
-    assert {r["status"] for r in TABLE} == {s.name for s in Status}
-    assert sum(r["dt"] > 0 for r in TABLE) >= 10 and sum(r["delay"] > 0 for r in TABLE) >= 8
-    assert sum(r["stable"] is False for r in TABLE) >= 5
-
-
+@pytest.mark.filterwarnings("ignore:stability_margins. Falling back")
 @ROWS
-def test_status_and_stability_are_the_tables(row):
+def test_a_controller_is_the_tables_and_does_by_python_control_what_it_says(row):
     C, info = tuned(row)
     assert info.status == Status[row["status"]], info.note
     assert info.Stable == bool(row["stable"])
     if row["Kp"] is None:
         assert C is None and np.isnan([info.Kp, info.Ki, info.Kd]).all() and info.note
-    else:
-        np.testing.assert_allclose(
-            [info.Kp, info.Ki, info.Kd], [row["Kp"], row["Ki"], row["Kd"]], rtol=1e-8, atol=1e-12
-        )
-
-
-@ROWS
-def test_crossover_and_margin_are_met_by_python_controls_own_response(row):
-    C, info = tuned(row)
-    if C is None:
         return
+    np.testing.assert_allclose(
+        [info.Kp, info.Ki, info.Kd], [row["Kp"], row["Ki"], row["Kd"]], rtol=1e-8, atol=1e-12
+    )
+    if not row["delay"]:
+        with np.errstate(all="ignore"):
+            found = control.stability_margins(control.tf(system(row)) * C, returnall=True)[4]
+        np.testing.assert_allclose(np.sort(found), info.crossings, rtol=1e-4)
+        assert stable(control.tf(system(row)) * C) == info.Stable
+    elif not row["dt"]:  # the Nyquist count against the poles of a Pade approximation
+        lag = control.tf(*control.pade(row["delay"], 9))
+        assert stable(control.tf(system(row)) * lag * C) == info.Stable
     L = loop_at(C, system(row), row["wc"], row["delay"])
     assert abs(L) == pytest.approx(1.0, rel=1e-6)
     assert np.degrees(np.angle(-L)) == pytest.approx(row["margin"], abs=1e-6)
@@ -80,35 +79,13 @@ def test_crossover_and_margin_are_met_by_python_controls_own_response(row):
         assert info.PhaseMargin == pytest.approx(row["pm"], abs=1e-6)
 
 
-@pytest.mark.filterwarnings("ignore:stability_margins. Falling back")
-@pytest.mark.parametrize("row", [r for r in TABLE if r["Kp"] is not None and not r["delay"]])
-def test_crossings_and_stability_agree_with_python_control(row):
-    C, info = tuned(row)
-    L = control.tf(system(row)) * C
-    with np.errstate(all="ignore"):
-        _, _, _, _, found, _ = control.stability_margins(L, returnall=True)
-    np.testing.assert_allclose(np.sort(found), info.crossings, rtol=1e-4)
-    poles = control.feedback(L, 1).poles()
-    stable = (np.abs(poles) < 1).all() if row["dt"] else (poles.real < 0).all()
-    assert stable == info.Stable
-
-
-@pytest.mark.parametrize("row", TABLE[::5])
+@pytest.mark.parametrize("row", TABLE[::10])
 def test_a_state_space_system_gives_the_same(row):
     C, info = tuned(row)
     C_ss, info_ss = tuned(row, control.ss(system(row)))
     assert (info_ss.status, info_ss.Stable) == (info.status, info.Stable)
     if C is not None:
         np.testing.assert_allclose([info_ss.Kp, info_ss.Ki], [info.Kp, info.Ki], rtol=1e-6)
-
-
-@pytest.mark.parametrize("row", [r for r in TABLE if r["delay"] and not r["dt"]])
-def test_the_nyquist_count_agrees_with_the_poles_of_a_pade_approximation(row):
-    C, info = tuned(row)
-    if C is not None:
-        lag = control.tf(*control.pade(row["delay"], 9))
-        poles = control.feedback(control.tf(system(row)) * lag * C, 1).poles()
-        assert info.Stable == (poles.real < 0).all()
 
 
 # What MathWorks' pages print, and how far it binds us.  Default margin: 60 degrees.
@@ -200,7 +177,7 @@ def test_stability_of_random_loops_agrees_with_python_control(seed):
     if C is None:
         return
     lag = control.tf(*control.pade(delay, 8)) if delay else 1
-    assert info.Stable == (control.feedback(G * lag * C, 1).poles().real < 0).all()
+    assert info.Stable == stable(G * lag * C)
     if info.status == Status.OK and kind == "PIDF" and len(info.crossings) == 1:
         assert info.Stable  # the branch of the phase is the right one, unstable poles and all
 
@@ -228,7 +205,7 @@ def test_met_wherever_it_says_so(poles, wc, pm, delay, kind):
             assert info.Stable or len(info.crossings) > 1
 
 
-@pytest.mark.parametrize("kind", ["P", "I", "PI", "PD", "PDF", "PID", "PIDF"])
+@pytest.mark.parametrize("kind", ["P", "I", "PI", "PDF", "PID"])
 @pytest.mark.parametrize(
     "plant",
     [
@@ -249,56 +226,22 @@ def test_a_free_crossover_ends_in_a_stable_loop_with_the_margin(plant, kind):
     assert info.PhaseMargin == pytest.approx(55.0, abs=1e-6)
 
 
-def test_a_discrete_derivative_is_a_backward_difference():
-    G = control.sample_system(TRIPLE_LAG, 0.1)
-    C, info = pidtune(G, "PD", wc=1.0, pm=70.0)
-    z = control.tf("z")
-    expected = info.Kp + info.Kd * (z - 1) / (0.1 * z)
-    at = np.exp(1j * np.linspace(0.1, 3.0, 20))
-    np.testing.assert_allclose(C(at), expected(at), rtol=1e-10)
-    assert C.dt == 0.1
-
-
-def test_gains_are_the_controllers():
-    s = control.tf("s")
-    C, info = pidtune(TRIPLE_LAG, "PIDF", wc=1.0, Tf=0.1)
-    expected = info.Kp + info.Ki / s + info.Kd * s / (0.1 * s + 1)
-    at = 1j * np.logspace(-2, 2, 20)
-    np.testing.assert_allclose(C(at), expected(at), rtol=1e-10)
-    assert (info.Ti, info.Td, info.Tf) == (info.Kp / info.Ki, info.Kd / info.Kp, 0.1)
-
-
-def test_a_pid_without_filter_has_zieglers_and_nicholss_ratio():
-    _, info = pidtune(TRIPLE_LAG, "pid", wc=1.0)
-    assert info.Ti == pytest.approx(4 * info.Td, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    "system",
-    [
-        1.0,
-        control.ss(np.eye(2) * -1, np.eye(2), np.eye(2), 0),
-        control.tf([1, 0, 0], [1, 1]),  # not proper
-        control.tf(1, [1, 1], True),  # no sampling time
-        control.tf([np.nan], [1, 1]),
-        control.ss(-np.inf, 1, 1, 0),
-        control.tf(1, [1e-300, 1, 1]),
-        control.tf(1, [5e-324, 1e3, 1]),
-    ],
-)
-def test_a_wrong_plant_is_refused(system):
-    with pytest.raises(ValueError, match="^sys"):
-        pidtune(system)
+def test_a_wrong_plant_is_refused():
+    several = control.ss(np.eye(2) * -1, np.eye(2), np.eye(2), 0)
+    improper, without_dt = control.tf([1, 0, 0], [1, 1]), control.tf(1, [1, 1], True)
+    infinite = control.tf([np.nan], [1, 1]), control.ss(-np.inf, 1, 1, 0)
+    degenerate = control.tf(1, [1e-300, 1, 1]), control.tf(1, [5e-324, 1e3, 1])
+    for system in (1.0, several, improper, without_dt, *infinite, *degenerate):
+        with pytest.raises(ValueError, match="^sys"):
+            pidtune(system)
 
 
 @pytest.mark.parametrize(
     ("options", "name"),
     [
         ({"kind": "PII"}, "kind"),
-        ({"wc": 0.0}, "wc"),
         ({"wc": np.nan}, "wc"),
         ({"wc": 32.0}, "wc"),
-        ({"pm": 0.0}, "pm"),
         ({"pm": 181.0}, "pm"),
         ({"delay": -1.0}, "delay"),
         ({"delay": 20.1}, "delay"),
@@ -312,10 +255,9 @@ def test_wrong_options_are_refused(options, name):
         pidtune(control.sample_system(TRIPLE_LAG, 0.1), **options)
 
 
-@pytest.mark.parametrize("delay", [1e6, 1e9])
-def test_a_delay_of_too_many_turns_is_refused_and_not_called_unstable(delay):
+def test_a_delay_of_too_many_turns_is_refused_and_not_called_unstable():
     with pytest.raises(ValueError, match="^delay = "):
-        pidtune(control.tf(1, [1, 1]), "P", wc=1.0, delay=delay)
+        pidtune(control.tf(1, [1, 1]), "P", wc=1.0, delay=1e6)
 
 
 @pytest.mark.parametrize("kind", ["P", "I", "PI", "PD", "PID"])
@@ -344,10 +286,9 @@ def test_a_zero_plant_and_a_plant_that_never_falls_are_told():
     assert "stays there" in info.note and info.Stable
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_dense_state_space_gives_what_its_transfer_function_gives(seed):
+def test_a_dense_state_space_gives_what_its_transfer_function_gives():
     """Its zeros are at infinity, but come out between 500 and 1e15 rad/s, on either side."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     for poles in ([-1, -2, -3], [-1, -2, -3, -4, -5, -6], [0, 0, -1], [2, -3, -4]):
         G = control.zpk([], poles, 10.0)
         system = control.ss(G)

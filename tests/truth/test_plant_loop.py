@@ -91,19 +91,3 @@ def test_simulation_and_noise_in_one_call_are_the_same():
     slow = replace(plant, record=None)
     y = plant.measure(theta, plant.u[None], drawn.key)
     np.testing.assert_allclose(slow.measure(theta, plant.u[None], drawn.key), y, rtol=1e-12)
-
-
-def test_exact_slopes_are_those_by_differences():
-    """From the same recordings, the search with either ends in the same parameters."""
-    from tuners.trust.identification import identify
-
-    plant, drawn = yaw_rate(TASK), draw(TASK, 12)
-    theta = theta_of(drawn.context)
-    slow = replace(plant, sensitivity=None, search_limits={})
-    y = plant.measure(theta, plant.u[None], drawn.key)
-    start = np.repeat(plant.middle, 12, axis=0)
-    exact, found = (identify(p, plant.u[None], y, start) for p in (plant, slow))
-    inside = (np.abs(exact.theta - plant.middle) <= (slow.limits[1] - plant.middle)).all(axis=1)
-    assert inside.sum() > 8 and found.converged[inside].all()
-    difference = (found.theta - exact.theta)[:, :2] / plant.width
-    np.testing.assert_allclose(difference[inside], 0.0, atol=1e-5)

@@ -39,9 +39,5 @@ def test_a_smaller_error_is_worth_more(first, second, share):
     assert near > far if np.hypot(first, second) > 1e-9 else near >= far
 
 
-def test_slope_at_the_target_is_one():
-    np.testing.assert_allclose([of(1e-6, 0), of(0, 1e-6)], -1e-6, rtol=1e-5)
-
-
 def test_an_undefined_metric_is_the_worst_of_the_stable():
     assert of(np.inf, 0.0) == -4

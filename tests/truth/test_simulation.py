@@ -13,11 +13,11 @@ from yawrate_env.vehicle.single_track import Vehicle, state_space
 @pytest.mark.parametrize("Ts", [0.001, 0.01])
 @pytest.mark.parametrize("xi", [0.9, 1.0])  # 1: the actuator is critically damped
 def test_response_agrees_with_python_control(Ts, xi):
-    vehicle, context, N = Vehicle(xi=xi), contexts(50, seed=0), 1000
-    u = np.random.default_rng(0).standard_normal((50, N))
+    vehicle, context, N = Vehicle(xi=xi), contexts(15, seed=0), 1000
+    u = np.random.default_rng(0).standard_normal((15, N))
     y = simulate(plants(vehicle, context, Ts), u)
     A, B, C = state_space(vehicle, context)
-    for b in range(50):
+    for b in range(15):
         system = control.ss(A[b], B[b][:, None], C[None], 0)
         expected = control.forced_response(control.sample_system(system, Ts, "zoh"), inputs=u[b])
         np.testing.assert_allclose(y[b], expected.y[0], rtol=0, atol=1e-9 * np.abs(y[b]).max())
@@ -40,21 +40,6 @@ def test_initial_state_decays_by_powers_of_the_matrix():
         np.testing.assert_allclose(y[b, -1], plant.C @ power @ x0[b], rtol=0, atol=1e-13)
 
 
-def test_response_is_linear_in_state_and_input():
-    plant, rng = plants(Vehicle(), contexts(4, seed=3), 0.001), np.random.default_rng(3)
-    x0, u = rng.standard_normal((4, 6)), rng.standard_normal((4, 500))
-    parts = simulate(plant, u) + simulate(plant, 0 * u, x0)
-    np.testing.assert_allclose(simulate(plant, u, x0), parts, rtol=0, atol=1e-12)
-
-
-def test_long_responses_settle_at_the_steady_state_gain():
-    vehicle, context = Vehicle(), contexts(4, seed=4)
-    A, B, C = state_space(vehicle, context)
-    y = simulate(plants(vehicle, context, 0.001), np.ones(20_000))  # 20 s, slowest pole 0.5 s
-    gain = -np.linalg.solve(A, B[..., None])[..., 0] @ C
-    np.testing.assert_allclose(y[:, -1], gain, rtol=1e-10)
-
-
 @pytest.mark.parametrize("order", [1, 2, 7])
 def test_any_order_is_compiled(order):
     rng = np.random.default_rng(order)
@@ -66,7 +51,7 @@ def test_any_order_is_compiled(order):
     np.testing.assert_allclose(simulate(plant, impulse)[0], expected, rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("B", [1, 2, 3, 17, 40])
+@pytest.mark.parametrize("B", [1, 3, 17])
 def test_one_vehicle_does_not_depend_on_the_batch(B):
     context, rng = contexts(40, seed=5), np.random.default_rng(5)
     u, x0 = rng.standard_normal((40, 400)), rng.standard_normal((40, 6))

@@ -89,10 +89,10 @@ def test_context_broadcasts_and_copies():
 
 
 @pytest.mark.parametrize("name", Vehicle.__slots__)
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, "1"])
-def test_vehicle_refuses_unphysical_parameters(name, value):
-    with pytest.raises(ValueError, match=f"vehicle {name} = "):
-        Vehicle(**{name: value})
+def test_vehicle_refuses_unphysical_parameters(name):
+    for value in (0.0, np.nan, np.inf, "1"):
+        with pytest.raises(ValueError, match=f"vehicle {name} = "):
+            Vehicle(**{name: value})
 
 
 @pytest.mark.parametrize(

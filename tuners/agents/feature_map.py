@@ -1,7 +1,6 @@
-"""Recordings to standardised features, and actions in [-1, 1] to gains, for any plant.
+"""What agents observe and choose: standardised features of recordings, and unit actions.
 
-Two pure maps around ``yawrate/Plant-v0`` or ``yawrate/PITuning-v0``, which wrappers, agents
-and exported data sets share.
+Two pure maps that wrappers, agents and exported data sets share.
 """
 
 from collections.abc import Callable
@@ -11,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features import Features
+from tuners.features import Features, with_measured
 from tuners.learners.actor import standardise
 from yawrate_env.plant.action_bounds import action_bounds
 from yawrate_env.plant.episodes import recorded
@@ -64,8 +63,8 @@ class FeatureMap:
         """
         train = recorded(plant, "train", 0, _EPISODES)
         u, y = (averaged(x, decimate) for x in (train.u, train.y))
-        raw = cls(features, np.zeros(1), np.ones(1)).raw
-        values, usable = raw(u, y, plant.Ts * decimate, of_parameters(train.theta))
+        known = of_parameters(train.theta)
+        values, usable = with_measured(features, u, y, plant.Ts * decimate, known)
         if not usable.any():
             raise ValueError(
                 f"features = {type(features).__name__} are usable in none of these episodes. "
@@ -76,21 +75,8 @@ class FeatureMap:
         return cls(features, values.mean(axis=0), np.where(scale > 0, scale, 1.0))
 
     def raw(self, u: Array, y: Array, Ts: float, known: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Features (B, n) before standardising, and where they are usable.
-
-        Parameters
-        ----------
-        u : (1, N) or (B, N) float64
-            Inputs.
-        y : (B, N) float64
-            Measured outputs.
-        Ts : float
-            Sampling time [s].
-        known : (B, m) float64
-            Features of known parameters.
-        """
-        values, usable = self.features(u, y, Ts)
-        return np.concatenate([values, known], axis=1), usable
+        """Features (B, n) before standardising; as `tuners.features.with_measured`."""
+        return with_measured(self.features, u, y, Ts, known)
 
     def __call__(
         self, u: Array, y: Array, Ts: float, known: Array

@@ -1,4 +1,4 @@
-"""Other people's policies, evaluated as tuners are.
+"""Policies from elsewhere, evaluated as tuners are.
 
 A policy gets the observations of a plant's environment in one batch, and its actions are applied
 as the environment applies them, clipped to the action space.  It is not given the truth, unless
@@ -23,8 +23,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from tuners.agents.feature_map import FeatureMap
-from tuners.agents.wrappers import FeatureObservation, UnitAction
+from tuners.agents.wrappers import FeatureObservation, UnitAction, features_of
 from tuners.features import BY_NAME
 from tuners.tuner.recording import Recording
 from yawrate_env import validation
@@ -216,20 +215,12 @@ def _observer(path: str, space: Any, env: TuningEnv) -> Callable[[Array], Array]
             with suppress(ValueError):  # the episodes are too short for this one
                 wrapper = FeatureObservation(env, name)
                 if wrapper.observation_space.shape == space.shape:
-                    return partial(_features, wrapper.map, env)
+                    return partial(features_of, env.interface, wrapper.map)
     raise ValueError(
         f"sb3 = {path} takes observations of shape {space.shape}, here they are "
         f"{env.observation_space.shape}, or their features. Give the --env-kwargs that it was "
         "trained with (N, decimate, visible)."
     )
-
-
-def _features(features: FeatureMap, env: TuningEnv, obs: Array) -> Array:
-    """Features (B, n) of observations (B, rows, N)."""
-    interface = env.interface
-    u, y, theta = interface.recordings(obs)
-    values, _ = features(u, y, interface.Ts, interface.features_of(theta))
-    return values
 
 
 def _actions(path: str, space: Any, env: TuningEnv) -> Callable[[Array], Array]:

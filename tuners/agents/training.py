@@ -21,15 +21,13 @@ from tuners.features import settings_of
 from tuners.learners.actor import Agent
 from tuners.learners.threads import threads
 from tuners.tuner.stages import Stages
-from tuners.tuner.training import calibrate, check_calibration
+from tuners.tuner.training import CALIBRATION, calibrate, check_calibration
 from tuners.tuner.tuner import Tuner
 from yawrate_env.env.vector_env import plant_vector_env
 from yawrate_env.plant.entry import find
 from yawrate_env.plant.plant import Plant
 
 Progress = Callable[[str, int, int], None]
-
-CALIBRATION = 500
 
 
 def train(
@@ -115,7 +113,7 @@ class Run:
         observed = _features(training, plant)
         chosen = UnitVectorAction(observed)
         self.features = observed.map.features
-        self.around = observed.map.mean, observed.map.scale, chosen.map.low, chosen.map.high
+        self.scaling = observed.map.mean, observed.map.scale, chosen.map.low, chosen.map.high
         self.env = Sb3VecEnv(chosen)
         self.average = Average()
         settings = {"algorithm": training.algorithm, "features": settings_of(self.features)}
@@ -149,7 +147,7 @@ class Run:
 
     def tuner(self) -> Tuner:
         """The averaged actor as it is now."""
-        agent = Agent(actor_of(self.model, self.average.weights), *self.around)
+        agent = Agent(actor_of(self.model, self.average.weights), *self.scaling)
         record = {
             "name": "rl",
             "algorithm": self.training.algorithm,

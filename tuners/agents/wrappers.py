@@ -56,7 +56,7 @@ class FeatureObservation(gymnasium.ObservationWrapper, gymnasium.utils.RecordCon
 
     def observation(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Features of one recording."""
-        return np.asarray(_observed(self._interface, self.map, observation[None])[0])
+        return np.asarray(features_of(self._interface, self.map, observation[None])[0])
 
 
 class UnitAction(gymnasium.ActionWrapper, gymnasium.utils.RecordConstructorArgs):
@@ -94,7 +94,7 @@ class FeatureVectorObservation(VectorWrapper[Any, Any, Any, Any, Any]):
     def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         """Reset; features of the recordings."""
         obs, info = self.env.reset(seed=seed, options=options)
-        self._features = _observed(self._interface, self.map, obs)
+        self._features = features_of(self._interface, self.map, obs)
         return self._features.copy(), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -103,7 +103,7 @@ class FeatureVectorObservation(VectorWrapper[Any, Any, Any, Any, Any]):
         assert self._features is not None
         final = np.empty(self.num_envs, dtype=object)
         final[:] = list(self._features)
-        self._features = _observed(self._interface, self.map, obs)
+        self._features = features_of(self._interface, self.map, obs)
         return self._features.copy(), reward, terminated, truncated, {**info, "final_obs": final}
 
 
@@ -187,10 +187,10 @@ def _first_stage(interface: Interface, name: str, settings: dict[str, Any]) -> F
     return features_by_name(interface.plant, name, **settings)
 
 
-def _observed(
-    interface: Interface, features: FeatureMap, obs: NDArray[np.float32]
+def features_of(
+    interface: Interface, features: FeatureMap, obs: NDArray[Any]
 ) -> NDArray[np.float32]:
-    """Features (B, n) of observations (B, rows, N)."""
+    """Standardised features (B, n) of observations (B, rows, N)."""
     u, y, theta = interface.recordings(obs)
     values, _ = features(u, y, interface.Ts, interface.features_of(theta))
     return values

@@ -1,4 +1,8 @@
-"""The ``yawrate`` command.  One module a command, imported when it is called."""
+"""The ``yawrate`` command: one module for each of its commands, imported when it is called.
+
+Arguments, text, JSON, progress bars and the report.  What a program would call as well belongs
+in the library, which neither prints nor exits.
+"""
 
 import sys
 from importlib import import_module

@@ -110,7 +110,7 @@ vehicle_option = click.option(
 )
 
 
-def keep(out: Path | None, *sources: str | Path | None) -> None:
+def refuse_overwriting(out: Path | None, *sources: str | Path | None) -> None:
     """Refuse to write over a file that the command reads."""
     for source in sources:
         if out is None or source is None or not (out.exists() and Path(source).exists()):

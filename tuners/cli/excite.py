@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from tuners.cli.arguments import SEED, Output, example, keep, vehicle_option
+from tuners.cli.arguments import SEED, Output, example, refuse_overwriting, vehicle_option
 from tuners.cli.sources import plant_from
 from tuners.cli.text import displayed, every, quantity
 from yawrate_env.files import write_text
@@ -20,7 +20,7 @@ from yawrate_env.plant.names import split
 @click.option("--seed", type=SEED, default=0, help="Seed of a random input.")
 def command(vehicle: Path | None, out: Path, seed: int) -> None:
     """Write the input signal of the experiment: time [s], and the input in the plant's unit."""
-    keep(out, vehicle)
+    refuse_overwriting(out, vehicle)
     plant = plant_from(vehicle)
     (u,) = plant.inputs(np.random.default_rng(seed).integers(0, 2**64, 1, np.uint64))
     text = io.StringIO(newline="")

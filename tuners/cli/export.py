@@ -11,7 +11,7 @@ from tuners.cli.arguments import (
     READABLE,
     Output,
     example,
-    keep,
+    refuse_overwriting,
     vehicle_option,
 )
 from tuners.cli.sources import load_tuner, plant_from
@@ -86,7 +86,7 @@ def command(
         raise click.UsageError("--Ts and --limits are a controller's: give gains, not --tuner.")
     if out.exists() and out.is_dir() != (target == "c"):
         raise click.UsageError(f"{out} exists. Target c writes a folder, any other a file.")
-    keep(out, tuner, result, vehicle)
+    refuse_overwriting(out, tuner, result, vehicle)
     source: Any
     if tuner is not None:
         source = load_tuner(tuner)

@@ -1,4 +1,4 @@
-"""Progress bars for the commands; the library itself only calls what it is given."""
+"""Progress bars of the commands, which the library calls as `progress`."""
 
 from types import TracebackType
 from typing import Any, Self
@@ -13,9 +13,9 @@ class Bars:
         self._bar: tqdm[Any] | None = None
 
     def __call__(self, what: str, done: int, of: int) -> None:
-        """Show how far a stage is; another stage starts another bar.
+        """Show the progress of a stage; another stage starts another bar.
 
-        A stage that ends early says so: it goes no further than it is, and its bar is full.
+        A stage that ends early gives `of` equal to `done`, which fills its bar.
         """
         if self._bar is None or self._bar.desc != what:
             self.close()

@@ -27,7 +27,7 @@ def as_text(result: Result, log: Log) -> str:
         verdict = [*table, "", "Trusted: every check passed."]
     else:
         reasons = (f"  - {explained(reason, result.checks)}" for reason in result.reasons)
-        verdict = ["NOT TRUSTED", *reasons, "", *table, "", instead(result.fallback, units)]
+        verdict = ["NOT TRUSTED", *reasons, "", *table, "", fallback_text(result.fallback, units)]
     notes = ["", "Notes", *(f"  - {note}" for note in result.notes)] if result.notes else []
     return "\n".join([f"{log.source}: {described(log, plant)}", "", *verdict, *notes])
 
@@ -63,7 +63,7 @@ def between(interval: Interval, unit: str) -> str:
     return f"{value}{unit and f' {unit}'}, between {low} and {high} (90 %)"
 
 
-def instead(fallback: Mapping[str, float], units: Mapping[str, str]) -> str:
+def fallback_text(fallback: Mapping[str, float], units: Mapping[str, str]) -> str:
     """The gains to use in place of those that are not trusted."""
     if any(map(math.isnan, fallback.values())):
         return (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from tuners.cli.arguments import COUNT, SEED, Output, example, keep, vehicle_option
+from tuners.cli.arguments import COUNT, SEED, Output, example, refuse_overwriting, vehicle_option
 from tuners.cli.sources import plant_from
 from tuners.cli.text import metric_name, quantity, unit_of
 from tuners.tuner.tuner_file import SUFFIX
@@ -55,7 +55,7 @@ def command(
     With --data all is learned from that folder's episodes, a part of them in memory at a
     time.  The folder says what it is of: a --vehicle must be the same, or is left out.
     """
-    keep(out, vehicle)
+    refuse_overwriting(out, vehicle)
     if folder is not None and episodes is not None:
         raise click.UsageError("--data takes the episodes of its folder: leave out --episodes.")
     if find_spec("torch") is None:
@@ -83,7 +83,7 @@ def command(
 
 def accuracy(tuner: "Tuner", seed: int) -> str:
     """Root mean square errors on plants of the test set, beside the bound."""
-    from tuners.tuner.evaluation import TUNER, compare
+    from tuners.tuner.comparison import TUNER, compare
 
     found = compare(tuner, VALIDATION, seed)
     bound = np.sqrt(np.nanmean(found.bound**2, axis=0))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from tuners.cli.arguments import READABLE, Output, example, keep
+from tuners.cli.arguments import READABLE, Output, example, refuse_overwriting
 from tuners.cli.log_options import log_options
 from tuners.cli.sources import load_tuner
 from tuners.logs import Log, Options, SelectionError, read_log
@@ -50,7 +50,7 @@ def command(
 
     Exit status: 0 trusted, 3 not trusted, 1 unusable data, 2 wrong usage.
     """
-    keep(report, log, tuner)
+    refuse_overwriting(report, log, tuner)
     trained = load_tuner(tuner)
     try:
         recording = read_log(log, trained.plant, options)

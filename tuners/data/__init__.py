@@ -1,8 +1,8 @@
 """Data sets of any size: features, gains and parameters in a folder of Parquet files.
 
-``generate`` writes one, in parallel, and continues where it was interrupted; ``verify``
-reads every byte again; ``Folder`` reads one, ``train`` learns from one, in bounded memory.
-``docs/datasets.md`` has the format.
+``generate`` writes one in parallel and resumes it; ``verify``, ``Folder`` and ``train`` read one in
+bounded memory (format: ``docs/datasets.md``).  How episodes are drawn, features computed and
+learners trained does not belong here.
 """
 
 from tuners.data.folder import Folder, verify

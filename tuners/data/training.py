@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tuners.data.folder import Folder, check
 from tuners.data.manifest import DatasetError
 from tuners.tuner.stages import LEAST_USABLE, Recipe, Stages, coordinates_of, training_split
-from tuners.tuner.training import calibrate, check_calibration, recipe_for
+from tuners.tuner.training import CALIBRATION, calibrate, check_calibration, recipe_for
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.plant.entry import find
@@ -23,8 +23,6 @@ Progress = Callable[[str, int, int], None]
 
 HELD_OUT = ("test", "calibration")
 """Sets that measure how good a tuner is; none is trained on them."""
-
-CALIBRATION = 500
 
 
 def train(
@@ -114,7 +112,7 @@ def fit(
         if progress is not None:
             progress(f"training {name}", done, of)
 
-    learner = recipe.learner.fit_batches(training, validating, seed, report)
+    learner = recipe.learner.fit(training, validating, seed, report)
     return Stages(recipe.features, learner, recipe.parametrisation), {
         "name": name,
         "episodes": len(folder),

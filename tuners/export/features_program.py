@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tuners.export.golden import GoldenSignals
-from tuners.export.parts import OnLaguerre, feature_count
+from tuners.export.parts import OnLaguerre
 from tuners.export.programs import program
 from tuners.features.laguerre import Laguerre
 from tuners.features.regularised import Regularised
@@ -63,7 +63,7 @@ def features_program(
 
 def sizes(stage: OnLaguerre) -> dict[str, int]:
     """Samples that a recording must have, and bytes of state, constants and (roughly) stack."""
-    n, features = stage.order, feature_count(stage)
+    n, features = stage.order, stage.width
     match stage:
         case Laguerre():
             solved, constants, least = n, 0, 10 * n

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.export.graph import Graph
-from tuners.export.parts import Parts, feature_count
+from tuners.export.parts import Parts
 from tuners.export.trees import ensemble
 from tuners.features.laguerre import Laguerre, lifted
 from tuners.features.regularised import Regularised
@@ -63,7 +63,7 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
     plant, inputs = parts.plant, {}
     if features:
         X = "features"
-        inputs[X] = ["episodes", feature_count(parts.features)]
+        inputs[X] = ["episodes", parts.features.width]
     else:
         output = plain_name(plant.signals[1])
         inputs[output] = ["episodes", len(plant.u)]

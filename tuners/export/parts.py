@@ -13,9 +13,6 @@ from tuners.features.laguerre import Laguerre
 from tuners.features.regularised import Regularised
 from tuners.features.response import FrequencyResponse
 from tuners.learners import Learner
-from tuners.learners.actor import Agent
-from tuners.learners.feedforward import FeedForward
-from tuners.learners.trend import Trend
 from tuners.tuner.stages import Stages, coordinates_of
 from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.design import Status, design_from_response
@@ -83,7 +80,7 @@ class Parts:
     @property
     def width(self) -> int:
         """How many features the learner takes: the recording's and the measured parameters."""
-        return feature_count(self.features) + len(self.plant.measured_names)
+        return self.features.width + len(self.plant.measured_names)
 
     def answer(self, features: Array, theta: Array) -> tuple[Array, NDArray[np.int64]]:
         """Gains (B, k) for features (B, n), and a `Status` each: what every export must give.
@@ -111,29 +108,9 @@ class Parts:
                 "parametrisation: the plant has its own decode function, which no other program "
                 "knows. Export with LOG, GAINS or loop(target), or use the tuner in Python."
             )
-        if (trained := _width(self.learner)) != self.width:
+        if (trained := self.learner.width) != self.width:
             raise ValueError(
                 f"the learner has {trained} features, but the recording gives "
-                f"{feature_count(self.features)} and the measured parameters "
+                f"{self.features.width} and the measured parameters "
                 f"{len(self.plant.measured_names)}. Train it again for this plant."
             )
-
-
-def feature_count(stage: OnLaguerre) -> int:
-    """How many features a first stage gives."""
-    match stage:
-        case Laguerre():
-            return stage.order
-        case Regularised():
-            return len(stage.directions)
-        case FrequencyResponse():
-            return 2 * stage.points
-
-
-def _width(learner: Learner) -> int:
-    """Features that a learner was trained on."""
-    if isinstance(learner, Trend | Agent):
-        return len(learner.mean)
-    if isinstance(learner, FeedForward):
-        return int(learner.W1.shape[1])
-    return int(learner.models[0].num_features())

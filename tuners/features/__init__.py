@@ -1,8 +1,7 @@
-"""First stage: an episode to a few numbers.
+"""First stage: a few features of each recording.
 
-Each module is one way to do it: prediction-error models, least squares on an orthonormal
-basis.  Features know input, output and sampling time; what they are used for does not belong
-here.
+Each module is one kind: prediction-error models, or least squares on an orthonormal basis.
+Features depend on input, output and sampling time; plants and learners do not belong here.
 """
 
 from dataclasses import asdict
@@ -21,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class Features(Protocol):
-    """First stage: episodes to a few features each; a frozen dataclass of its settings."""
+    """A first stage: a frozen dataclass of its settings that maps recordings to features."""
 
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, n) of inputs (1 or B, N) and outputs (B, N), and where they are usable."""
@@ -39,8 +38,34 @@ BY_NAME = "laguerre", "armax", "response"
 """Those that need no settings: what commands and agents choose from."""
 
 
+def with_measured(
+    stage: Features, u: Array, y: Array, Ts: float, measured: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Features of recordings followed by those of the measured parameters, (B, n + m).
+
+    Parameters
+    ----------
+    u : (1, N) or (B, N) float64
+        Inputs.
+    y : (B, N) float64
+        Measured outputs.
+    Ts : float
+        Sampling time [s].
+    measured : (B, m) float64
+        Features of measured parameters.
+
+    Returns
+    -------
+    (B, n + m) float64
+    (B,) bool
+        Where the first stage succeeded.
+    """
+    values, usable = stage(u, y, Ts)
+    return np.concatenate([values, measured], axis=1), usable
+
+
 def features_named(name: str, **settings: Any) -> Features:
-    """A first stage by name, or ``ValueError``."""
+    """A first stage by name; ``ValueError`` for unknown names and settings."""
     validation.one_of("features", name, tuple(FEATURES))
     try:
         found: Features = FEATURES[name](**settings)
@@ -50,7 +75,7 @@ def features_named(name: str, **settings: Any) -> Features:
 
 
 def check_features(stage: Any) -> None:
-    """``ValueError`` for what is no first stage."""
+    """``ValueError`` unless `stage` is a first stage."""
     remedy = "Give an Armax, a Laguerre, a Regularised or a FrequencyResponse."
     if type(stage) not in FEATURES.values():
         raise ValueError(f"features = {stage!r} is no first stage. {remedy}")

@@ -10,7 +10,7 @@ working on its reflection coefficients, ``c1 = k1 (1 + k2), c2 = k2``, which a s
 keeps in a box: a coefficient that presses against its side is held there while the
 others settle.
 
-A sixth-order vehicle leaves a second-order model with more than one minimum.  Starting
+For a plant of higher order the cost of this second-order model has several minima.  Starting
 from a fast C finds pysib's minimum on every episode tried; Steiglitz and McBride's
 ``C := A`` is rejected, it ends at a worse one, with a root of C at 1, on a third.
 """
@@ -38,7 +38,7 @@ _COST = 18 * LANES
 _GRADIENT = 19 * LANES
 _HESSIAN = 25 * LANES  # 6 x 6, the upper half is used
 _ROWS = 61
-_START_RATE = 70.0  # rad/s, double pole of the first C: faster than the vehicles
+_START_RATE = 70.0  # rad/s, double pole of the first C: faster than the plant
 _MAX_PASSES = 400
 _TOLERANCE = 1e-8  # of the cost: a hundredth of a coefficient's standard deviation
 _MU_START, _MU_LEAST, _MU_MAX = 1e-3, 1e-12, 1e10

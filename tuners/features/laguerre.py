@@ -55,6 +55,11 @@ class Laguerre:
         object.__setattr__(self, "order", order)
         validation.number("pole", self.pole, above=0.0, remedy="Give it in rad/s.")
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return self.order
+
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, order) of episodes sampled at `Ts` [s], and which are usable (B,)."""
         if y.shape[1] < 10 * self.order:
@@ -63,7 +68,7 @@ class Laguerre:
                 f"at least {10 * self.order} are needed. Record for longer."
             )
         values = self.coefficients(u, y, Ts, np.empty((0, y.shape[1])))
-        return values, np.asarray(np.isfinite(values).all(axis=1) & moved(u))
+        return values, np.asarray(np.isfinite(values).all(axis=1) & excites(u))
 
     def coefficients(self, u: Array, y: Array, Ts: float, extra: Array) -> Array:
         """Least-squares coefficients on the functions, then on `extra` signals.
@@ -142,7 +147,7 @@ def _right_sides(phi: Array, y: Array) -> Array:
     return values
 
 
-def moved(u: Array) -> NDArray[np.bool_]:
+def excites(u: Array) -> NDArray[np.bool_]:
     """Which inputs (B, N) excite a recorded output; the last sample comes too late."""
     return np.asarray(u[:, :-1].any(axis=1))
 
@@ -185,11 +190,11 @@ def _pass(order: int, extras: int) -> Any:
     """Compile the pass over ``LANES`` episodes; numbers known to the compiler vectorise.
 
     The workspace, in rows of one number a lane: the filtered inputs, the measurement, the
-    command now and before, a filter's previous output; then the sums of the filtered
+    input now and before, a filter's previous output; then the sums of the filtered
     inputs times the first and times the measurement, and those of each further regressor
     times the filtered inputs and the measurement.
     """
-    MEASURED, COMMAND, BEFORE, HELD, FIRST, RIGHT, CROSS = (
+    MEASURED, INPUT, BEFORE, HELD, FIRST, RIGHT, CROSS = (
         row * LANES
         for row in (order, order + 1, order + 2, order + 3, order + 4, 2 * order + 4, 3 * order + 4)
     )
@@ -207,8 +212,8 @@ def _pass(order: int, extras: int) -> Any:
         gain = np.sqrt(1.0 - a * a)
         for k in range(u.shape[1]):
             for lane in range(LANES):
-                work[BEFORE + lane] = work[COMMAND + lane]
-                work[COMMAND + lane] = u[episodes[lane], k]
+                work[BEFORE + lane] = work[INPUT + lane]
+                work[INPUT + lane] = u[episodes[lane], k]
                 work[MEASURED + lane] = y[episodes[lane], k]
             for lane in range(LANES):
                 work[HELD + lane] = work[lane]

@@ -22,12 +22,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features.laguerre import Laguerre, lifted, moved
+from tuners.features.laguerre import Laguerre, excites, lifted
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
 
-_TOLD = 0.02  # least information on a component, where its own variance and the noise's are one
+_LEAST = 0.02  # information on a component, where its own variance and the noise's are one
 _DIGITS = 1e-4  # of the largest component's spread: others are rounding
 
 
@@ -68,6 +68,11 @@ class Regularised:
         object.__setattr__(self, "mean", tuple(mean.tolist()))
         object.__setattr__(self, "directions", tuple(map(tuple, directions.tolist())))
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return len(self.directions)
+
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, r) of episodes sampled at `Ts` [s], and which are usable (B,)."""
         N = y.shape[1]
@@ -80,7 +85,7 @@ class Regularised:
         W = np.array(self.directions)
         right = np.einsum("bn,rn->br", b - G @ np.array(self.mean), W)
         z = _solved(self._information(G), right)
-        return z, np.asarray(np.isfinite(z).all(axis=1) & moved(u))
+        return z, np.asarray(np.isfinite(z).all(axis=1) & excites(u))
 
     def linear(self, gram: Array) -> tuple[Array, Array]:
         """K (r, order) and k (r,) in ``z = K b - k``, for one Gram matrix (order, order)."""
@@ -89,7 +94,7 @@ class Regularised:
 
     @property
     def functions(self) -> Laguerre:
-        """What is fitted."""
+        """The Laguerre basis."""
         return Laguerre(self.order, self.pole)
 
     def _information(self, gram: Array) -> Array:
@@ -119,7 +124,7 @@ def regularised(functions: Laguerre, gram: Array, right: Array, variance: Array)
             "nothing can be learned from such inputs. Give some of ordinary size that excite."
         )
     mean, directions = coefficients.mean(axis=0), _components(coefficients)
-    kept = _told(gram, directions, variance)
+    kept = _informative(gram, directions, variance)
     return Regularised(
         functions.order, functions.pole, _rounded(mean), tuple(map(_rounded, directions[:kept])),
         *_rounded(np.median(variance, keepdims=True)),
@@ -135,15 +140,15 @@ def _components(coefficients: Array) -> Array:
     return np.asarray(rows * np.sign(largest) * spread[:, None])
 
 
-def _told(gram: Array, directions: Array, variance: Array) -> int:
-    """How many leading components a recording tells, each where all before it are known."""
+def _informative(gram: Array, directions: Array, variance: Array) -> int:
+    """Number of leading components that a recording informs on, each given those before it."""
     A = np.einsum("bij,ri,sj->brs", gram, directions, directions)
     for i in range(len(directions)):
         pivot = A[:, i, i]
         with np.errstate(divide="ignore", invalid="ignore"):  # inputs of zeros, or no noise
-            told = np.median(pivot / variance)
+            ratio = np.median(pivot / variance)
             A = A - A[:, :, i, None] * A[:, None, i, :] / pivot[:, None, None]
-        if not told > _TOLD:
+        if not ratio > _LEAST:
             return max(i, 1)
     return len(directions)
 

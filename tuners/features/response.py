@@ -1,9 +1,9 @@
 """First stage: the recording's own frequency response around the crossover.
 
-A Laguerre model is fitted by least squares and shown by log magnitude and phase at a few
-frequencies.  These are the loop coordinates of the plant: what a controller must supply at the
-crossover is nearly linear in them, for every speed, so that a learner spends its neurons on
-weighing them rather than on bending coefficients.
+A Laguerre model is fitted by least squares; its log magnitude and phase at a few frequencies
+are the features.  The controller's magnitude and phase at the crossover are nearly linear in
+them, also where measured parameters vary, so that a learner need not model a strongly nonlinear
+map from coefficients.
 """
 
 from dataclasses import dataclass
@@ -37,6 +37,11 @@ class FrequencyResponse:
     low: float = 0.3
     high: float = 6.0
     points: int = 6
+
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return 2 * self.points
 
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, 2 points) of episodes sampled at `Ts` [s], and which are usable (B,)."""

@@ -1,7 +1,7 @@
-"""Second stage: features to the controller's coordinates.
+"""Second stage: learners that predict the controller's coordinates from features.
 
-Each module has the settings of a learner, which `fit` trains, and the trained learner, which
-predicts.  Learners see numbers alone: nothing here knows plants or recordings.
+Each module has a learner's settings, whose `fit` trains it, and the trained learner, which
+predicts.  Learners see arrays alone: plants and recordings do not belong here.
 """
 
 from typing import Any

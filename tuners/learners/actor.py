@@ -86,6 +86,11 @@ class Agent:
     low: Array
     high: Array
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return len(self.mean)
+
     def __call__(self, X: Array) -> Array:
         """Predict (B, m) coordinates from (B, n) features."""
         actions = self.actor(standardise(X, self.mean, self.scale))

@@ -9,13 +9,14 @@ written down directly, which is several times faster than automatic differentiat
 PyTorch trains; the trained network is NumPy alone, so that using it does not import torch.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.learners.batches import Batches, Progress
 from tuners.learners.threads import threads
 from yawrate_env.compiled import cores
 from yawrate_env.validation import finite_array
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     import torch
 
 Array = NDArray[np.float64]
-Batches = Iterable[tuple[Array, Array]]
-Progress = Callable[[int, int], None]
 
 _NUMBERS_FOR_THREADS = 50_000
 _LEAST_GRADIENT = 1e-7
@@ -58,27 +57,15 @@ class FeedForwardSettings:
 
     def fit(
         self,
-        X: Array,
-        T: Array,
-        X_val: Array,
-        T_val: Array,
-        random_state: int,
-        progress: Progress | None = None,
-    ) -> "FeedForward":
-        """Train on (m, n) features and (m, 2) targets."""
-        return self.fit_batches([(X, T)], [(X_val, T_val)], random_state, progress)
-
-    def fit_batches(
-        self,
         training: Batches,
         validation: Batches,
         random_state: int,
         progress: Progress | None = None,
     ) -> "FeedForward":
-        """Train on data that come in parts, and again every time that they are iterated over.
+        """Train on batches of (m, n) features and (m, t) targets.
 
-        Error, gradient and Gauss-Newton matrix are means over rows, so that this is the
-        method for one array, to rounding, in the memory that the largest part takes.
+        Error, gradient and Gauss-Newton matrix are means over rows, so that several batches
+        give what one does, to rounding, in the memory that the largest takes.
         """
         import torch
 
@@ -150,7 +137,7 @@ class FeedForward:
     W1, b1 : NDArray
         (neurons, n) and (neurons,).
     W2, b2 : NDArray
-        (2, neurons) and (2,).
+        (t, neurons) and (t,).
     inputs, outputs : _Scaling
         How features and targets are scaled.
     """
@@ -162,13 +149,18 @@ class FeedForward:
     inputs: _Scaling
     outputs: _Scaling
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return int(self.W1.shape[1])
+
     def __call__(self, X: Array) -> Array:
-        """Predict (B, 2) targets from (B, n) features."""
+        """Predict (B, t) targets from (B, n) features."""
         hidden = np.tanh(self.inputs(X) @ self.W1.T + self.b1)
         return self.outputs.inverse(hidden @ self.W2.T + self.b2)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything there is to save."""
+        """Arrays to save."""
         return {
             "W1": self.W1,
             "b1": self.b1,

@@ -1,23 +1,21 @@
 """Second stage: gradient-boosted trees, one xgboost model a target.
 
-The six settings are the paper's (section V-D).  Models are kept in xgboost's own binary
-JSON and predicted from through its native interface, whose scikit-learn face would
-bring in another dependency.
+Models are kept in xgboost's own binary JSON, and predict through its native interface:
+the one for scikit-learn would bring in another dependency.
 """
 
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.learners.batches import Batches, Progress
 from yawrate_env.compiled import cores
 
 Array = NDArray[np.float64]
-Batches = Iterable[tuple[Array, Array]]
-Progress = Callable[[int, int], None]
 
 _ROWS_FOR_THREADS = 64
 _ROWS_TO_TRAIN_WITH_THREADS = 20_000
@@ -25,7 +23,7 @@ _ROWS_TO_TRAIN_WITH_THREADS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class GBMSettings:
-    """Hyperparameters; the paper's six, and the seed of xgboost's own choices."""
+    """Hyperparameters, under xgboost's names and with the paper's values (section V-D)."""
 
     n_estimators: int = 2000
     max_depth: int = 7
@@ -36,32 +34,26 @@ class GBMSettings:
 
     def fit(
         self,
-        X: Array,
-        T: Array,
-        X_val: Array,
-        T_val: Array,
-        random_state: int,
-        progress: Progress | None = None,
-    ) -> "GBM":
-        """Train on (m, n) features and (m, 2) targets; the validation part is not used."""
-        import xgboost
-
-        # With a few thousand rows threads would wait for each other, and on a busy machine
-        # for everybody else, a hundred times longer than they work.
-        threads = cores() if len(X) >= _ROWS_TO_TRAIN_WITH_THREADS else 1
-        return self._boosted(lambda t: xgboost.DMatrix(X, t), T, threads, random_state, progress)
-
-    def fit_batches(
-        self,
         training: Batches,
         validation: Batches,
         random_state: int,
         progress: Progress | None = None,
     ) -> "GBM":
-        """Train on data that come in parts; xgboost keeps their quantiles in a temporary file.
+        """Train on batches of (m, n) features and (m, t) targets; `validation` is not used.
 
-        Only targets are held in memory, as xgboost itself does.
+        A list of one batch is trained on in memory.  Of others only the targets are held there,
+        and xgboost keeps the features' quantiles in a temporary file.
         """
+        import xgboost
+
+        if isinstance(training, list) and len(training) == 1:
+            ((X, T),) = training
+            # With a few thousand rows threads would wait for each other, and on a busy machine
+            # for everybody else, a hundred times longer than they work.
+            threads = cores() if len(X) >= _ROWS_TO_TRAIN_WITH_THREADS else 1
+            return self._boosted(
+                lambda t: xgboost.DMatrix(X, t), T, threads, random_state, progress
+            )
         T = np.concatenate([t for _, t in training])
         with tempfile.TemporaryDirectory() as folder:
 
@@ -132,8 +124,13 @@ class GBM:
     def __init__(self, models: list[Any], mean: Array, scale: Array) -> None:
         self.models, self.mean, self.scale = models, mean, scale
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return int(self.models[0].num_features())
+
     def __call__(self, X: Array) -> Array:
-        """Predict (B, 2) targets from (B, n) features."""
+        """Predict (B, t) targets from (B, n) features."""
         threads = cores() if len(X) >= _ROWS_FOR_THREADS else 1
         for model in self.models:
             model.set_param({"nthread": threads})
@@ -141,7 +138,7 @@ class GBM:
         return np.asarray(np.stack(columns, axis=1) * self.scale + self.mean, dtype=np.float64)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything there is to save."""
+        """Arrays to save."""
         saved: dict[str, NDArray[Any]] = {"mean": self.mean, "scale": self.scale}
         for k, model in enumerate(self.models):
             saved[f"model{k}.ubj"] = np.frombuffer(model.save_raw("ubj"), dtype=np.uint8)

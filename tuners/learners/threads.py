@@ -1,4 +1,4 @@
-"""Threads of torch."""
+"""The number of threads that torch uses."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,13 +1,12 @@
-"""Second stage in two steps: a polynomial trend by least squares, the rest to a learner.
+"""Second stage in two steps: a polynomial trend by least squares, and a learner of its residual.
 
-In loop coordinates what a controller must supply is nearly linear in the recording's own
-frequency response (`tuners.features.response`).  The trend takes that; trees need no
-staircase and neurons no bending to follow it, and learn what is left.  The learner gets the
-features decorrelated: combinations that say little about the vehicle, but much about the noise
-in the others, come out as large as these.
+Magnitude and phase of a controller are nearly linear in the recording's own frequency response
+(`tuners.features.response`).  The trend fits that part, and the learner its residual.  The
+learner gets decorrelated features: combinations of small variance, which hold little of the
+plant but much of the noise in the others, are scaled up to the same variance as these.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -15,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.learners import feedforward, gbm
+from tuners.learners.batches import Batches, Progress
 
 Array = NDArray[np.float64]
-Batches = Iterable[tuple[Array, Array]]
-Progress = Callable[[int, int], None]
 
 _RESTS: dict[str, Any] = {"gbm": gbm.GBM, "feedforward": feedforward.FeedForward}
 
@@ -32,7 +30,7 @@ class TrendSettings:
     Attributes
     ----------
     rest : FeedForwardSettings or GBMSettings
-        Learns what the trend leaves.
+        Learner of the trend's residual.
     degree : int
         Of the polynomial, 1 or 2.
     """
@@ -42,24 +40,12 @@ class TrendSettings:
 
     def fit(
         self,
-        X: Array,
-        T: Array,
-        X_val: Array,
-        T_val: Array,
-        random_state: int,
-        progress: Progress | None = None,
-    ) -> "Trend":
-        """Train on (m, n) features and (m, 2) targets."""
-        return self.fit_batches([(X, T)], [(X_val, T_val)], random_state, progress)
-
-    def fit_batches(
-        self,
         training: Batches,
         validation: Batches,
         random_state: int,
         progress: Progress | None = None,
     ) -> "Trend":
-        """Train on data that come in parts, and again every time that they are iterated over."""
+        """Train on batches of (m, n) features and (m, t) targets."""
         mean, matrix = _decorrelation(training)
         normal = right = np.zeros(())
         for X, T in training:
@@ -69,13 +55,13 @@ class TrendSettings:
         rest, checked = (
             _Rest(data, mean, matrix, coefficients, self.degree) for data in (training, validation)
         )
-        learner = self.rest.fit_batches(rest, checked, random_state, progress)
+        learner = self.rest.fit(rest, checked, random_state, progress)
         return Trend(mean, matrix, coefficients, self.degree, learner)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trend:
-    """A trained trend and the learner of the rest.
+    """A trained trend and the learner of its residual.
 
     Attributes
     ----------
@@ -86,7 +72,7 @@ class Trend:
     degree : int
         Of the polynomial.
     rest : FeedForward or GBM
-        Learner of the rest.
+        Learner of the residual.
     """
 
     mean: Array
@@ -95,13 +81,18 @@ class Trend:
     degree: int
     rest: feedforward.FeedForward | gbm.GBM
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return len(self.mean)
+
     def __call__(self, X: Array) -> Array:
-        """Predict (B, 2) targets from (B, n) features."""
+        """Predict (B, t) targets from (B, n) features."""
         inputs = (X - self.mean) @ self.matrix
         return np.asarray(polynomial(inputs, self.degree) @ self.coefficients + self.rest(inputs))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Everything there is to save."""
+        """Arrays to save."""
         kinds = {kind: name for name, kind in _RESTS.items()}
         name = kinds[type(self.rest)]
         return {
@@ -137,7 +128,7 @@ def polynomial(x: Array, degree: int) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rest:
-    """Decorrelated features, and what the trend leaves of the targets."""
+    """Batches of decorrelated features and of the targets' residuals from the trend."""
 
     batches: Batches
     mean: Array

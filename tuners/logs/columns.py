@@ -1,4 +1,4 @@
-"""Which column is which, in the plant's units.
+"""Find the columns of a plant's signals, and convert them to its units.
 
 A column is found by a name or a number (from 1) that the user gives, or else by its own name:
 the plant's signal, parameter or label, or a synonym of it.  Its unit is the user's, or else the
@@ -25,7 +25,7 @@ _TIME = "t time timestamp timestamps times sec seconds zeit"
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """What a column is looked for.
+    """A quantity for which a column is looked for.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
-"""Whether a recording can tell anything, before anything is tuned from it.
+"""Checks of a recording's excitation before it is tuned from.
 
-What matters is the input's power around the crossover, where the controller is decided, in
-proportion to the amplitude of the plant's experiment.  What is hopeless is refused; what is
-merely weak is noted, and the tuner's intervals show what it costs.
+The input's power around the crossover, which determines the controller, is compared with that of
+the plant's experiment.  Recordings without information are refused; weak excitation is noted, and
+the tuner's intervals show its cost.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Which reader a file needs: by its first bytes, so that a wrong ending does not matter."""
+"""Choose a file's reader by its first bytes, so that a wrong suffix does not matter."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A recording that a tuner can use, and how it comes out of a log file."""
+"""Read a log file as a recording that a tuner can use."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from tuners.logs.table import Array, LogError
-from tuners.tuner.recording import UNSTEADY
+from tuners.tuner.recording import UNSTEADY, variation
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 
@@ -48,11 +48,10 @@ def _only(plant: Plant, name: str) -> float:
 
 def _check(plant: Plant, name: str, values: Array) -> None:
     """Refuse what no mean describes, and what the plant does not allow."""
-    low, high = plant.prior[name]
+    low, _ = plant.prior[name]
     words, unit = split(plant.label(name))
     mean = float(values.mean())
-    whole, what = (abs(mean), "its mean") if low > 0 else (high - low, "the prior's range")
-    variation = float(np.ptp(values)) / whole if whole > 0 else 0.0
+    varies, whole = variation(plant, name, values)
     runs = f"from {values.min():.3g} to {values.max():.3g} {unit}".rstrip()
     least, most = (float(end[plant.indices([name])[0]]) for end in plant.limits)
     if not min(least, low) <= mean <= most:
@@ -60,8 +59,8 @@ def _check(plant: Plant, name: str, values: Array) -> None:
             f"{words} runs {runs}; it must lie between {least:g} and {most:g}. Give its unit, or "
             "choose a stretch with --from and --to."
         )
-    if variation > UNSTEADY:
+    if varies > UNSTEADY:
         raise LogError(
-            f"{words} varies {runs}, more than {UNSTEADY:.0%} of {what}. "
+            f"{words} varies {runs}, more than {UNSTEADY:.0%} of {whole}. "
             "Choose a steadier stretch with --from and --to."
         )

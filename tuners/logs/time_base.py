@@ -1,4 +1,4 @@
-"""From time stamps to evenly sampled stretches.
+"""Find evenly sampled stretches in time stamps.
 
 Stamps within `EVEN` of a sampling time of an even grid are taken as that grid: they are
 rounded, and the samples are not.  Larger jitter is resampled.  A longer break splits the

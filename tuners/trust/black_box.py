@@ -1,7 +1,7 @@
-"""The reference model: a black box fitted to the recording, and starts in mid-drive.
+"""The reference model: a black box fitted to the recording, with its initial state and offsets.
 
-A plant that does not start from rest answers with its free response too, and offsets of either
-channel add one constant to the output.  For a linear plant both are linear in their unknowns, so
+The output of a plant that does not start from rest contains its free response, and offsets of
+either channel add a constant to it.  For a linear plant both are linear in their unknowns, so
 one least-squares fit of the output on
 
     the input through many Laguerre functions,   their free responses,   a constant
@@ -84,7 +84,7 @@ def functions_for(plant: Plant) -> Laguerre:
     """Laguerre basis of the reference model; chosen automatically if the plant names none.
 
     For a linear plant the basis grows until its truncation error is hidden by the noise: a free
-    response would explain the rest, and a recording from rest would look like a start in mid-drive.
+    response would explain the rest, and a recording from rest would look like a start in motion.
     """
     if plant.black_box is not None:
         order, pole = plant.black_box

@@ -68,11 +68,11 @@ _MISSED = "With the fitted plant these gains miss what the design rule reaches."
 
 MESSAGES = {
     "implausible": "The input or the output is larger than it can be: check the units.",
-    "misfit": "No plant that the simulator knows answers this input so: check units, signs, "
-    "sampling time, delays between the channels and what the plant starts from.",
-    "response": "At the crossover the recording responds otherwise than the fitted plant: check "
-    "the sampling time and what is measured beside it.",
-    "noise": "The output hardly follows the input: the sensor is dead, noisy or another's.",
+    "misfit": "No plant in the prior reproduces this recording: check units, signs, sampling "
+    "time, delays between the channels and the initial state.",
+    "response": "At the crossover the recording's response differs from the fitted plant's: check "
+    "the sampling time and the measured parameters.",
+    "noise": "The output hardly follows the input: the sensor is dead, noisy or not the plant's.",
     "colour": "Something other than the input moves the output around the crossover: a "
     "disturbance, a drift or a sensor fault.",
     "outside": "The fitted plant lies outside the prior that the tuner was made for.",
@@ -89,9 +89,9 @@ class Check:
     name : str
         Short, as a table shows it.
     value, limit : float
-        What was found, and the largest value that passes.
+        The value, and the largest one that passes.
     message : str
-        What it means where it fails.
+        Meaning of a failure.
     """
 
     name: str
@@ -121,11 +121,11 @@ class Assessment:
     Attributes
     ----------
     model : BlackBox
-        Fitted without knowledge of the plant.
+        The reference model.
     fit : Fit
-        The plant found.
+        The fitted plant.
     metrics, spread : NDArray
-        (B, f) what the gains give with that plant, and their standard deviations.
+        (B, f) metrics of the gains with the fitted plant, and their standard deviations.
     findings : dict
         By name of the check.
     """
@@ -143,7 +143,7 @@ class Assessment:
         return np.asarray(np.all(within, axis=0))
 
     def checks(self, index: int) -> tuple[Check, ...]:
-        """The checks of one recording, in words."""
+        """The checks of one recording."""
         return tuple(
             Check(name, float(finding.values[index]), finding.limit, finding.message)
             for name, finding in self.findings.items()
@@ -175,7 +175,7 @@ def assess(
     start : (B, p) float64
         Where the search for the plant starts, with the measured parameters of the recordings.
     solved : (B,) bool
-        Whether the gains' own numerics succeeded.
+        Whether the numerics that found the gains succeeded.
     anywhere : bool
         Whether measured parameters may lie outside the prior, within the search limits.
     """

@@ -1,4 +1,4 @@
-"""Conservative gains for when an answer is not trusted or does not exist."""
+"""Conservative gains, for results that are not trusted or have no gains."""
 
 import numpy as np
 from numpy.typing import NDArray

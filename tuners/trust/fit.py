@@ -61,16 +61,16 @@ class Fit:
 
 
 def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
-    """Fit plants to recordings that may start in mid-drive.
+    """Fit plants to recordings that may start in motion.
 
     Parameters
     ----------
     model : BlackBox
-        The recordings, start and offsets taken out.
+        The reference model, which holds the recordings without initial state and offsets.
     measured : (B, N) float64
         Outputs as recorded.
     start : (B, p) float64
-        Where the search starts, with what is measured beside the recordings.
+        Where the search starts, with the measured parameters of the recordings.
     """
     found = search(plant, model.u, model.y, start)
     theta, limits = found.theta, plant.limits
@@ -86,7 +86,7 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
         settled = np.abs(step).max(axis=1, initial=0.0) <= _SETTLED
     error, slopes = _signals(plant, theta, model)
     noise = noise_level(error, model.Ts, plant.crossover)
-    if plant.crossover is None:  # nobody looked where interpolated noise is stronger
+    if plant.crossover is None:  # interpolation reduces the noise of most frequencies
         noise = noise * model.oversampled
     with np.errstate(invalid="ignore"):  # no noise and no information: no answer
         covariance = noise[:, None, None] * inverse_of(slopes)

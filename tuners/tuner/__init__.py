@@ -1,5 +1,5 @@
-"""THE tuner: recording in, gains and trust out; how it is trained, evaluated and saved.
+"""The tuner: recording in, gains and trust out; how it is trained, evaluated and saved.
 
-What finds the gains is a method: the two stages, or a reference tuner of `rivals`.  Which plant
-it is for never matters here, and nothing here reads logs or draws.
+A method finds the gains: the two stages, or a reference of `rivals`.  Code for one plant, for
+log files or for pictures does not belong here.
 """

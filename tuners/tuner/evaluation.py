@@ -11,12 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.trust.bound import cramer_rao
-from tuners.trust.identification import identify, identify_from_several
 from tuners.tuner.recording import Recording
-from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
-from yawrate_env.batch import concatenate
 from yawrate_env.files import write_text
 from yawrate_env.plant.episodes import BLOCK, Episodes, recorded
 from yawrate_env.plant.names import split
@@ -24,9 +20,6 @@ from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
-
-TUNER, GRAY_BOX, SEVERAL = "two-stage", "gray box", "gray box, 5 starts"
-NOMINAL, ORACLE = "nominal", "oracle"
 
 
 class Policy(Protocol):
@@ -99,7 +92,7 @@ def evaluate(
     validation.count("batch", batch)
     parts: dict[str, list[Evaluation]] = {tuner: [] for tuner in tuners}
     done, total = 0, episodes * len(tuners)
-    for block in _blocks(plant, name, seed, episodes, batch):
+    for block in pieces(plant, name, seed, episodes, batch):
         for tuner, policy in tuners.items():
             warm = bool(parts[tuner])
             parts[tuner].append(_part(tuner, policy, plant, block, batch, warm=warm))
@@ -129,8 +122,8 @@ def columns(plant: Plant) -> tuple[str, ...]:
     return "tuner", "episode", *plant.prior, *plant.gains, *metrics, "stable", "seconds"
 
 
-def _blocks(plant: Plant, name: str, seed: int, count: int, batch: int) -> Iterator[Episodes]:
-    """Episodes in pieces that are as large as a tuner's batch, or larger."""
+def pieces(plant: Plant, name: str, seed: int, count: int, batch: int) -> Iterator[Episodes]:
+    """Episodes of a set in pieces as large as a tuner's batch, or larger."""
     size = max(2 * BLOCK, batch)
     for first in range(0, count, size):
         yield recorded(plant, name, seed, min(size, count - first), first=first)
@@ -179,88 +172,3 @@ def _rows(e: Evaluation) -> list[tuple[object, ...]]:
             zip(numbers, e.stable, e.seconds, strict=True)
         )
     ]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
-    """A trained tuner beside reference tuners on E test episodes.
-
-    Attributes
-    ----------
-    errors : dict
-        Name to (E, f) metrics' distances from what the design rule reaches; ``nan`` where
-        unstable.
-    bound : NDArray
-        (E, f) least standard deviations.
-    trusted, converged : NDArray
-        (E,) whether the tuner's gains were trusted; whether the gray box converged.
-    covered : NDArray
-        (E, f) whether the tuner's 90 % intervals held.
-    """
-
-    errors: dict[str, Array]
-    bound: Array
-    trusted: NDArray[np.bool_]
-    converged: NDArray[np.bool_]
-    covered: NDArray[np.bool_]
-
-    def rms(self, name: str) -> Array:
-        """Root mean square errors (f,) over the stable loops."""
-        return np.asarray(np.sqrt(np.nanmean(self.errors[name] ** 2, axis=0)))
-
-    def unstable(self, name: str) -> int:
-        """Loops that are unstable or have no gains."""
-        return int(np.isnan(self.errors[name]).any(axis=1).sum())
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Compared:
-    tuner: Array
-    gray_box: Array
-    several: Array
-    nominal: Array
-    bound: Array
-    trusted: NDArray[np.bool_]
-    converged: NDArray[np.bool_]
-    covered: NDArray[np.bool_]
-
-
-def compare(tuner: Tuner, count: int, seed: int) -> Comparison:
-    """Tune the first `count` episodes of the ``test`` set with the tuner and its references.
-
-    The gray box is the plant's own simulator, fitted within the prior from its middle, or
-    from several points.
-    """
-    blocks = _blocks(tuner.plant, "test", seed, count, BLOCK)
-    rows = concatenate([_compared(tuner, block) for block in blocks])
-    errors = {
-        TUNER: rows.tuner,
-        GRAY_BOX: rows.gray_box,
-        SEVERAL: rows.several,
-        NOMINAL: rows.nominal,
-        ORACLE: np.where(np.isnan(rows.bound), np.nan, 0.0),
-    }
-    return Comparison(errors, rows.bound, rows.trusted, rows.converged, rows.covered)
-
-
-def _compared(tuner: Tuner, block: Episodes) -> _Compared:
-    plant, theta = tuner.plant, block.theta
-    recording = Recording(block.u, block.y, plant.Ts, theta)
-    gains, found = tuner.assess(recording)
-    start = recording.parameters(plant)
-    gray_box = identify(plant, block.u, block.y, start)
-    several = identify_from_several(plant, block.u, block.y, start)
-    right = plant.metric_values(theta, plant.oracle(theta))
-    actual = plant.metric_values(theta, gains.values)
-    nominal = np.tile(plant.oracle(plant.middle), (len(theta), 1))
-    with np.errstate(invalid="ignore"):
-        return _Compared(
-            actual - right,
-            plant.metric_values(theta, plant.oracle(gray_box.theta)) - right,
-            plant.metric_values(theta, plant.oracle(several.theta)) - right,
-            plant.metric_values(theta, nominal) - right,
-            cramer_rao(plant, theta, block.u),
-            found.trusted,
-            gray_box.converged,
-            np.abs(actual - found.metrics) <= np.array(tuner.calibration) * found.spread,
-        )

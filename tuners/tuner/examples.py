@@ -1,4 +1,4 @@
-"""What a learner learns from: features of simulated recordings, and the design rule's gains."""
+"""Training examples: features of simulated recordings, and the design rule's gains."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features import Features
+from tuners.features import Features, with_measured
 from yawrate_env.batch import concatenate, take
 from yawrate_env.plant.episodes import Episodes, blocks, part
 from yawrate_env.plant.parametrisation import Parametrisation
@@ -18,7 +18,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Examples:
-    """Rows (m, ...) to learn from; rows of one `number` differ by their noise alone.
+    """Training examples (m, ...); rows of one `number` differ by their noise alone.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ def examples_of(
     Blocks are computed whole: features, too, depend in their last bits on the size of a batch.
     """
     for block, asked in blocks(plant, name, seed, first, count, repeat):
-        values, usable = features(block.u, block.y, plant.Ts)
+        measured = plant.measured_features(block.theta)
+        values, usable = with_measured(features, block.u, block.y, plant.Ts, measured)
         gains, reached = plant.designs(block.theta)
-        values = np.concatenate([values, plant.measured_features(block.theta)], axis=1)
         rows = Examples(block.number, block.theta, values, usable & reached, gains)
         yield take(rows, asked), part(block, asked)
 

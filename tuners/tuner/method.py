@@ -1,4 +1,4 @@
-"""Ways to find gains: what a `Tuner` asks, and what it is answered."""
+"""The interface between a `Tuner` and the method that finds its gains."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self
@@ -40,7 +40,7 @@ class Gains:
         return cls(np.where(found[:, None], values, np.nan), status, converged)
 
     def without(self, rows: NDArray[np.bool_]) -> "Gains":
-        """The same, but no gains for some of the recordings (B,)."""
+        """Gains with those of some recordings (B,) removed."""
         return Gains(
             np.where(rows[:, None], np.nan, self.values),
             np.where(rows, int(Status.UNREACHABLE), self.status),
@@ -49,13 +49,13 @@ class Gains:
 
 
 class Method(Protocol):
-    """A way to find gains."""
+    """Finds gains: the two stages, or a reference method."""
 
     kind: ClassVar[str]
     """Its name in tuner files."""
 
     needs_excitation: ClassVar[bool]
-    """Whether it finds nothing where input or output do not move."""
+    """Whether its gains mean nothing where the input or the output is constant."""
 
     any_measured: ClassVar[bool]
     """Whether measured parameters may have values outside the prior."""
@@ -68,11 +68,11 @@ class Method(Protocol):
         """Gains for every episode."""
 
     def settings(self) -> dict[str, Any]:
-        """What to save beside the arrays, as plain JSON values."""
+        """Settings to save, as plain JSON values."""
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Learned numbers to save."""
+        """Learned arrays to save."""
 
     @classmethod
     def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> "Method":
-        """Rebuild from what `settings` and `arrays` gave."""
+        """Rebuild from saved `settings` and `arrays`."""

@@ -1,4 +1,4 @@
-"""What differs between a recording and the experiment that a tuner was made for, in words."""
+"""Notes on how a recording differs from the experiment that the tuner was made for."""
 
 import numpy as np
 from numpy.typing import NDArray

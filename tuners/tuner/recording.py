@@ -1,4 +1,4 @@
-"""Recorded episodes: what a tuner is given."""
+"""Recorded episodes, checked: the input of every tuner."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from yawrate_env import validation
 from yawrate_env.plant.names import split
+from yawrate_env.plant.observations import signals
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -100,9 +101,9 @@ class Recording:
         array = array[None] if single else array
         rows = _rows(plant)
         if array.ndim != 3 or array.shape[1] not in rows or not array.shape[2]:
-            wanted = ", ".join(map(str, sorted(rows)))
+            allowed = ", ".join(map(str, sorted(rows)))
             raise ValueError(
-                f"obs has shape {np.shape(obs)}, wanted (rows, N) or (B, rows, N) with {wanted} "
+                f"obs has shape {np.shape(obs)}, not (rows, N) or (B, rows, N) with {allowed} "
                 "rows, as the plant's environment gives them."
             )
         if array.shape[2] != len(plant.u):
@@ -118,10 +119,7 @@ class Recording:
             known = np.full((len(array), len(plant.prior)), np.nan)
             known[:, plant.indices(names)] = array[:, 2:, 0]
             _check_known(plant, names, known)
-        u = array[:, 0]
-        u = u[:1] if (u == u[:1]).all() else u
-        input, output = (x.astype(np.float64, order="C") for x in (u, array[:, 1]))
-        return cls(input, output, plant.Ts, known), single
+        return cls(*signals(array), plant.Ts, known), single
 
     def __len__(self) -> int:
         return len(self.y)
@@ -171,6 +169,14 @@ class Recording:
                 )
             theta[:, i] = np.where(np.isnan(values), theta[:, i], values)
         return theta
+
+
+def variation(plant: Plant, name: str, values: Array) -> tuple[float, str]:
+    """Relative peak-to-peak variation of a measured parameter, and the name of what it is of."""
+    low, high = plant.prior[name]
+    mean = abs(float(values.mean()))
+    whole, name_of_whole = (mean, "its mean") if low > 0 else (high - low, "the prior's range")
+    return float(np.ptp(values)) / whole if whole > 0 else 0.0, name_of_whole
 
 
 def _rows(plant: Plant) -> dict[int, tuple[str, ...]]:
@@ -228,13 +234,11 @@ def _mean(plant: Plant, name: str, value: ArrayLike, N: int) -> tuple[float, flo
         )
     for value in (values.min(), values.max()):
         plant.check_value(name, value)
-    mean, (low, high) = float(values.mean()), plant.prior[name]
-    whole, what = (abs(mean), "its mean") if low > 0 else (high - low, "the prior's range")
-    variation = float(np.ptp(values)) / whole if whole > 0 else 0.0
-    if variation > UNSTEADY:
+    varies, whole = variation(plant, name, values)
+    if varies > UNSTEADY:
         label = split(plant.label(name))[0]
         raise ValueError(
-            f"{name} varies by {variation:.0%} of {what}, at most {UNSTEADY:.0%} can be used. "
+            f"{name} varies by {varies:.0%} of {whole}, at most {UNSTEADY:.0%} can be used. "
             f"Cut a stretch of steady {label}."
         )
-    return mean, variation
+    return float(values.mean()), varies

@@ -18,14 +18,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedPlant:
-    """The plant that explains a recording best, and what it leaves over.
+    """The plant fitted to a recording, and its residual.
 
     Attributes
     ----------
     parameters : dict
         Its parameters, measured ones as given.
     deviations : dict
-        Standard deviations of those that were found.
+        Standard deviations of the estimated ones.
     u, measured, simulated : NDArray
         (N,) input, measured and simulated output; the simulated one has the offset and the
         response to the initial state in it.
@@ -92,8 +92,8 @@ class Result:
     gains : dict
         By name; ``nan`` where the tuner finds none.
     intervals : dict
-        By the metric's name: what the recording says that these gains give, with the 90 %
-        interval; ``nan`` where it says nothing.
+        By the metric's name: its prediction for these gains with the 90 % interval; ``nan``
+        where there is none.
     status : Status
         Whether the design target is reached.
     converged : bool
@@ -106,9 +106,9 @@ class Result:
         Gains that are stable for every plant of the prior: what to use instead of gains that
         are not trusted; ``nan`` where there are none.
     checks : tuple of Check
-        What was looked at.
+        All checks, in the order in which they are reported.
     fit : FittedPlant
-        The plant that explains the recording best, beside the recording.
+        The plant fitted to the recording, and the recording itself.
     plant : Plant
         What the tuner was made for.
     """
@@ -126,11 +126,11 @@ class Result:
     plant: Plant = field(repr=False)
 
     def __getattr__(self, name: str) -> Any:
-        if not name.startswith("_"):
-            if name in self.gains:
-                return self.gains[name]
-            for metric, interval in self.intervals.items():
-                if name == split(metric)[0]:
-                    return interval
-        raise AttributeError(f"a result has no {name!r}; gains: {', '.join(self.gains)}."
-                             if not name.startswith("_") else name)  # fmt: skip
+        if name.startswith("_"):  # copying and pickling ask before there are any gains
+            raise AttributeError(name)
+        if name in self.gains:
+            return self.gains[name]
+        for metric, interval in self.intervals.items():
+            if name == split(metric)[0]:
+                return interval
+        raise AttributeError(f"a result has no {name!r}; gains: {', '.join(self.gains)}.")

@@ -29,7 +29,7 @@ class _Untrained:
 
     @classmethod
     def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
-        """Make one."""
+        """A new one; nothing was saved."""
         return cls()
 
 
@@ -58,9 +58,8 @@ class Oracle(_Untrained):
         known = recording.known
         if known is None or np.isnan(known).any():
             raise ValueError(
-                "The oracle must see the plant's true parameters. "
-                'Use an environment that shows them, as gymnasium.make("yawrate/PITuning-v0", '
-                'visible="context") does.'
+                "The oracle must see the plant's true parameters. Give a Recording that knows "
+                'them, or use an environment that shows them, with visible="context".'
             )
         return Gains.of(*plant.designs(known), np.ones(len(recording), dtype=np.bool_))
 

@@ -1,4 +1,4 @@
-"""The two-stage method: features of a recording, then a prediction of its controller."""
+"""The two-stage method: features of a recording, and a learner that predicts the controller."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +7,13 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features import Features, check_features, features_named, settings_of
+from tuners.features import (
+    Features,
+    check_features,
+    features_named,
+    settings_of,
+    with_measured,
+)
 from tuners.features.response import FrequencyResponse
 from tuners.learners import LEARNERS, Learner, Settings
 from tuners.tuner.method import Gains
@@ -65,7 +71,7 @@ def coordinates_of(plant: Plant, parametrisation: str) -> Parametrisation:
 
 @dataclass(frozen=True, slots=True)
 class Stages:
-    """Both stages, trained: a way to find gains.
+    """Both stages, trained: the method that finds gains from features.
 
     Attributes
     ----------
@@ -113,8 +119,7 @@ class Stages:
         (B,) bool
             Where the first stage succeeded.
         """
-        features, usable = self.features(u, y, Ts)
-        features = np.concatenate([features, measured], axis=1)
+        features, usable = with_measured(self.features, u, y, Ts, measured)
         finite = np.isfinite(features)
         values = self.learner(np.where(finite, features, 0.0))
         known = np.asarray(finite.all(axis=1))
@@ -186,10 +191,9 @@ def train_stages(
     rows = np.flatnonzero(usable)
     check_usable(len(rows), len(usable))
     part = training_split(number.max() + 1, seed)
-    own, validating = (rows[p[number[rows]]] for p in (part, ~part))
-    learner = recipe.learner.fit(
-        features[own], targets[own], features[validating], targets[validating], seed, progress
-    )
+    own, others = (rows[p[number[rows]]] for p in (part, ~part))
+    training, validating = ([(features[r], targets[r])] for r in (own, others))
+    learner = recipe.learner.fit(training, validating, seed, progress)
     return Stages(recipe.features, learner, recipe.parametrisation), len(rows)
 
 

@@ -27,11 +27,16 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 ORDER, MORE = 8, 24
+"""Laguerre functions for one input, and for an input of each episode's own."""
+
 RESPONSE_ORDER = 12
 LEAST_PLANTS = 50
+LEAST_CALIBRATION = 50
+
+CALIBRATION = 500
+"""Episodes that calibrate the intervals by default."""
 
 _BAND = 0.2, 4.0  # of the crossover: frequencies whose response is a feature
-LEAST_CALIBRATION = 50
 
 
 def recipe_for(plant: Plant) -> Recipe:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tuners.features.laguerre import Laguerre
 from tuners.trust import fallback
 from tuners.trust.black_box import black_box, functions_for
 from tuners.trust.checks import Assessment, Finding, assess
@@ -26,13 +27,13 @@ Array = NDArray[np.float64]
 _SLOWEST = 0.1  # sampling time, in periods of the crossover
 _COARSEST = 10.0  # sampling time, in those of the experiment, where there is no crossover
 _LONGEST = 200_000  # samples of one recording
-_BENT = 0.01  # of the output's standard deviation: what a spline may miss between samples
-_TOO_SLOW = "Between the log's samples the output bends more than a curve shows: record faster."
-_STILL = 1e-9  # of the experiment's largest input or output: what does not move
+_MISSED = 0.01  # of the output's standard deviation: what a spline may miss between samples
+_TOO_SLOW = "A spline misses part of the output between these slow samples: record faster."
+_STILL = 1e-9  # of the experiment's largest input or output: smaller variations are none
 
 
 def slowest(plant: Plant) -> float:
-    """Longest sampling time that still shows what a plant does [s]; its own is never too long."""
+    """Longest sampling time of a usable recording [s]: the plant's own, or longer."""
     longest = _COARSEST * plant.Ts if plant.crossover is None else _SLOWEST / plant.crossover
     return max(longest, plant.Ts)
 
@@ -43,9 +44,9 @@ class Tuner:
     Parameters
     ----------
     plant : Plant
-        What it is made for.
+        The plant that it tunes.
     method : Method
-        What finds the gains: both stages, trained, or one of `tuners.tuner.rivals`.
+        Finds the gains: both stages, trained, or one of `tuners.tuner.rivals`.
     training : dict, optional
         How it was trained, kept for the record.
     calibration : tuple of float, optional
@@ -67,8 +68,8 @@ class Tuner:
         return f"<Tuner {self.training.get('name', self.method.kind)}>"
 
     def gains(self, recording: Recording) -> Gains:
-        """Gains for every episode; none where nothing moves, for methods that look at it."""
-        return self._moving(recording, self.method.gains(self.plant, recording))
+        """Gains for every episode; none without excitation, for methods that need it."""
+        return self._excited(recording, self.method.gains(self.plant, recording))
 
     def tune(
         self,
@@ -79,7 +80,7 @@ class Tuner:
         start: str = "auto",
         **parameters: ArrayLike | None,
     ) -> Result:
-        """Tune from one recording, and ask the recording whether to trust the gains.
+        """Tune from one recording, and check with it whether to trust the gains.
 
         Parameters
         ----------
@@ -91,8 +92,8 @@ class Tuner:
         measured : dict, optional
             The plant's measured parameters: one value each, or one a sample.
         start : {"auto", "rest", "unknown"}
-            Whether the recording starts from rest without offsets, or in mid-drive, in which
-            case initial state and offsets are estimated too; found from the data if "auto".
+            Whether the recording starts from rest without offsets, or in motion, in which case
+            initial state and offsets are estimated too; found from the data if "auto".
             For plants whose responses do not add up the data cannot say, and rest is assumed.
         **parameters
             Measured parameters by name, as in ``v_x=18.0``.
@@ -105,7 +106,7 @@ class Tuner:
         given = Recording.of(self.plant, u, y, Ts, {**(measured or {}), **parameters})
         found, assessment = self.assess(given, start)
         if given.Ts > self.plant.Ts * (1 + notes.ROUNDED):
-            missed = Finding(_between(given, assessment), _BENT, _TOO_SLOW)
+            missed = Finding(_between(given, assessment), _MISSED, _TOO_SLOW)
             assessment = assessment.followed_by({"between": missed})
         checks = assessment.checks(0)
         return Result(
@@ -123,7 +124,7 @@ class Tuner:
         )
 
     def assess(self, recording: Recording, start: str = "auto") -> tuple[Gains, Assessment]:
-        """Gains for every episode as `tune` gives them, and what the recordings say of them."""
+        """Gains for every episode as `tune` gives them, and their assessment."""
         plant = self.plant
         remedy = "Slower samples do not show what the plant does: record faster."
         validation.number("Ts", recording.Ts, at_most=slowest(plant), remedy=remedy)
@@ -134,7 +135,7 @@ class Tuner:
         theta = recording.parameters(plant)
         used = recording.resampled(plant.Ts)
         model = black_box(plant, self.black_box, used.u, used.y, start, used.oversampled)
-        found = self._moving(used, self.gains(replace(used, y=model.y)))
+        found = self._excited(used, self.gains(replace(used, y=model.y)))
         solved = np.asarray(found.converged & (found.status == Status.OK))
         anywhere = self.method.any_measured
         return found, assess(plant, model, used.y, found.values, theta, solved, anywhere)
@@ -186,18 +187,18 @@ class Tuner:
         return fallback.fallback(self.plant)
 
     @cached_property
-    def black_box(self) -> Any:
-        """The basis of the reference model."""
+    def black_box(self) -> Laguerre:
+        """Laguerre basis of the reference model."""
         return functions_for(self.plant)
 
-    def _moving(self, recording: Recording, found: Gains) -> Gains:
-        """Gains without those of recordings in which nothing moves."""
+    def _excited(self, recording: Recording, found: Gains) -> Gains:
+        """Discard gains from recordings without excitation, for methods that need it."""
         return found.without(self._still(recording)) if self.method.needs_excitation else found
 
     def _still(self, recording: Recording) -> NDArray[np.bool_]:
-        """Recordings (B,) in which input or output does not move.
+        """Which recordings (B,) have a constant input or output.
 
-        A constant input is a step from rest, if the experiment may hold it as long.
+        A constant input is a step from rest if the experiment holds one as long.
         """
         input, output, held = self._scales
         step = recording.y.shape[1] * recording.Ts <= held * (1 + 1e-9)
@@ -225,7 +226,7 @@ class Tuner:
 
 
 def _between(given: Recording, found: Assessment) -> Array:
-    """Error of a spline through a slow log's samples of the fitted plant's output, relative."""
+    """Relative error of a spline through the fitted plant's output at a slow log's samples."""
     simulated, Ts = found.fit.simulated[0], found.model.Ts
     times = Ts * np.arange(len(simulated))
     seen = np.interp(given.Ts * np.arange(given.y.shape[1]), times, simulated)

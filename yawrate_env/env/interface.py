@@ -1,4 +1,4 @@
-"""Between a plant and an agent: what is observed of episodes, and the outcome of gains.
+"""The interface of plant and agent: what is observed of episodes, and the outcome of gains.
 
 Everything is batched; the scalar environment is a batch of one.
 """
@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from yawrate_env import validation
 from yawrate_env.plant.action_bounds import action_bounds, corners
-from yawrate_env.plant.episodes import Draw, designed, integers_of
+from yawrate_env.plant.episodes import Draw, integers_of, prior_gains
 from yawrate_env.plant.names import ORACLE, split
+from yawrate_env.plant.observations import signals
 from yawrate_env.plant.parametrisation import scale_to_bounds
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.reward import defined
@@ -146,11 +147,9 @@ class Interface:
                 f"obs has shape {array.shape}. Give (B, {shape[0]}, {shape[1]}), as this "
                 "environment does."
             )
-        u, y = array[:, 0], array[:, 1]
-        u = u[:1] if (u == u[:1]).all() else u
         theta = np.tile(self.plant.middle, (len(array), 1))
         theta[:, self.plant.indices(self.visible)] = array[:, 2:, 0]
-        return u.astype(np.float64, order="C"), y.astype(np.float64, order="C"), theta
+        return *signals(array), theta
 
     def outcome(self, theta: Array, actions: Array) -> tuple[Array, Info]:
         """Rewards (B,) of actions (B, k), and the info with the truth, arrays (B,)."""
@@ -197,7 +196,7 @@ def action_box(plant: Plant) -> Box:
     low, high = action_bounds(plant)
     units = corners(-np.ones_like(low), np.ones_like(low))
     ends = plant.parametrisation.decode(scale_to_bounds(units, low, high))
-    gains = np.concatenate([designed(plant), ends[np.isfinite(ends).all(axis=1)]])
+    gains = np.concatenate([prior_gains(plant), ends[np.isfinite(ends).all(axis=1)]])
     return Box(gains.min(axis=0), gains.max(axis=0), dtype=np.float64)
 
 

@@ -5,8 +5,9 @@ belong here, nor does anything that learns.
 """
 
 from yawrate_env.plant.metric import Metric
+from yawrate_env.plant.noise import snr
 from yawrate_env.plant.parametrisation import GAINS, LOG, Parametrisation, loop
-from yawrate_env.plant.plant import Plant, snr
+from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.responses import ClosedLoop, OpenLoop, Response
 
 __all__ = [

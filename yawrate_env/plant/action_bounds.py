@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from yawrate_env import validation
 from yawrate_env.plant.calls import call
-from yawrate_env.plant.episodes import designed
+from yawrate_env.plant.episodes import prior_gains
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ def action_bounds(plant: Plant) -> tuple[Array, Array]:
         if not (low < high).all():
             raise ValueError(f"action_bounds = {low}, {high}: give the lowest first.")
         return low, high
-    gains = designed(plant)
+    gains = prior_gains(plant)
     values = plant.parametrisation.encode(gains)
     values = values[np.isfinite(values).all(axis=1)]
     positive = (gains > 0).all(axis=0)

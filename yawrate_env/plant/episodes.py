@@ -107,7 +107,7 @@ def parameters(
     return np.asarray(low + (high - low) * uniform(integers))
 
 
-def designed(plant: Plant) -> Array:
+def prior_gains(plant: Plant) -> Array:
     """Gains (m, k) of 256 plants of the prior, those that have any; ``ValueError`` if none has."""
     gains, reached = plant.designs(sample(plant, _TRIED))
     found = gains[reached]

@@ -1,4 +1,4 @@
-"""How a loop's metrics count, and the errors that are trusted."""
+"""Settings of a loop's metrics: their scale in the reward, and the limits of trust."""
 
 from dataclasses import dataclass
 from numbers import Real

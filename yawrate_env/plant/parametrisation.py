@@ -79,8 +79,8 @@ LOG = Parametrisation(_log, _exp, _log_names)
 GAINS = Parametrisation(np.asarray, _positive, _same_names)
 """The gains themselves: absolute errors count; for positive gains.
 
-The paper predicts these.  Ti runs from 0.07 s to beyond 2 s, so its squared error is ruled
-by a few low-friction vehicles for which Ti hardly matters.
+The paper predicts these.  Its Ti runs from 0.07 s to beyond 2 s, so that the squared error is
+dominated by the few plants with a long Ti, for which Ti hardly matters.
 """
 
 

@@ -4,7 +4,7 @@ Everything is batched, ``(B, ...)``; functions that take one plant at a time are
 loop.  `docs/plants.md` says what each function must do.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, fields
 from typing import Any
 
@@ -16,43 +16,23 @@ from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.plant.calls import call, rows
 from yawrate_env.plant.checks import check_experiment, checked
 from yawrate_env.plant.metric import Metric
-from yawrate_env.plant.names import split
+from yawrate_env.plant.parameters import Parameters, Range
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.reward import defined, reward
 from yawrate_env.plant.sensitivity import Sensitivity
+from yawrate_env.plant.trial import try_functions
 from yawrate_env.signals.noise import add_white_noise
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.uint64]
 Noise = float | Callable[[Array], Array]
-Range = tuple[float, float]
 Out = NDArray[np.floating] | None
-
-_DECIBELS = 400.0  # beyond float64's digits, either way
-_MARGIN = 0.5  # of a range's width, by which the search for parameters may leave the prior
-
-
-def snr(decibels: float) -> Callable[[Array], Array]:
-    """Noise at so many decibels below each noise-free output's mean square."""
-    given = validation.number("snr", decibels, at_least=-_DECIBELS, at_most=_DECIBELS,
-                              remedy="Give a ratio in dB.")  # fmt: skip
-    return _Below(10 ** (-given / 20))
-
-
-@dataclass(frozen=True, slots=True)
-class _Below:
-    """Standard deviations at a ratio to outputs' root mean squares."""
-
-    ratio: float
-
-    def __call__(self, y: Array) -> Array:
-        return np.asarray(self.ratio * np.sqrt((y**2).mean(axis=1)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plant:
+class Plant(Parameters):
     """A family of plants, the experiment on them, and the design rule that knows their gains.
 
     Each function is called once when a plant is described, with the parameters in the middle
@@ -79,7 +59,7 @@ class Plant:
         Sampling time of the experiment [s].
     noise : float or callable
         Standard deviation of the white measurement noise, or a function of noise-free
-        outputs (B, N) to (B,): see `snr`.
+        outputs (B, N) to (B,): see `yawrate_env.plant.snr`.
     evaluate : callable, optional
         ``evaluate(theta, gains)``: parameters (B, p) and gains (B, k) to metrics (B, f) of the
         loop; ``nan`` where the loop is unstable, ``inf`` where it is stable and a metric is
@@ -219,83 +199,7 @@ class Plant:
             object.__setattr__(self, name, value)
         if check:
             check_experiment(self.u, self.Ts, self.crossover)
-            self._try_in_the_middle()
-
-    def _try_in_the_middle(self) -> None:
-        try:
-            self._try_functions()
-        except ValueError as error:
-            hint = " For functions of one plant set batched=False." if self.batched else ""
-            why = str(error).removesuffix(".")
-            raise ValueError(f"In the middle of the prior {why}.{hint}") from (
-                error.__cause__ or error
-            )
-
-    @property
-    def ranges(self) -> tuple[Array, Array]:
-        """Low and high ends of the prior, (p,) each."""
-        low, high = np.array(list(self.prior.values())).T
-        return low, high
-
-    @property
-    def width(self) -> Array:
-        """Of the unknown parameters' ranges, (q,)."""
-        low, high = self.ranges
-        return np.asarray((high - low)[self.unknown])
-
-    @property
-    def middle(self) -> Array:
-        """(1, p) parameters in the middle of the prior."""
-        low, high = self.ranges
-        return np.asarray((low + high)[None] / 2)
-
-    @property
-    def unknown(self) -> NDArray[np.intp]:
-        """(q,) indices of the parameters to estimate: neither measured nor a point."""
-        return np.flatnonzero([n not in self.measured and self._open(n) for n in self.prior])
-
-    @property
-    def known(self) -> NDArray[np.intp]:
-        """(p - q,) indices of all other parameters."""
-        return np.setdiff1d(np.arange(len(self.prior)), self.unknown)
-
-    @property
-    def measured_names(self) -> tuple[str, ...]:
-        """Names of the measured parameters that the prior leaves open."""
-        return tuple(name for name in self.prior if name in self.measured and self._open(name))
-
-    def indices(self, names: Iterable[str]) -> list[int]:
-        """Indices of the parameters with these names."""
-        return [list(self.prior).index(name) for name in names]
-
-    def measured_features(self, theta: Array) -> Array:
-        """Measured parameters (B, m) as features: logarithms of positive ones."""
-        columns = [theta[:, i] for i in self.indices(self.measured_names)]
-        columns = [
-            np.log(values) if self.prior[name][0] > 0 else values
-            for name, values in zip(self.measured_names, columns, strict=True)
-        ]
-        return np.stack(columns, axis=1) if columns else np.empty((len(theta), 0))
-
-    @property
-    def limits(self) -> tuple[Array, Array]:
-        """How far parameters are searched, (p,) each."""
-        low, high = self.ranges
-        spare = _MARGIN * (high - low)
-        physical = np.where(low >= 0, np.maximum(low / 2, 1e-3 * spare), -np.inf)
-        ends = np.stack([np.maximum(low - spare, physical), high + spare])
-        for i, name in enumerate(self.prior):
-            ends[:, i] = self.search_limits.get(name, ends[:, i])
-        return ends[0], ends[1]
-
-    def check_value(self, name: str, value: Any) -> float:
-        """A parameter's value, or ``ValueError`` where the simulator was not made for it."""
-        (i,) = self.indices((name,))
-        low, high = (float(end[i]) for end in self.limits)
-        unit = split(name)[1]
-        first = f"Give it in {unit}, or describe" if unit else "Describe"
-        remedy = f"{first} a plant with a wider prior, or search_limits."
-        return validation.number(name, value, at_least=low, at_most=high, remedy=remedy)
+            try_functions(self)
 
     def respond(self, theta: Array, u: Array | None = None, rng: Any = None) -> Array:
         """Outputs (B, N) without measurement noise, by default of the experiment's input.
@@ -433,58 +337,11 @@ class Plant:
         """(f,) ``scale``, ``error`` or ``spread`` of the counted metrics."""
         return np.array([getattr(self.settings[name], of) for name in self.counted])
 
-    def label(self, name: str) -> str:
-        """A parameter's name in logs, checks and results, with its unit."""
-        return self.labels.get(name, name)
-
     @property
     def _counted(self) -> list[int]:
         return [list(self.metrics).index(name) for name in self.counted]
-
-    def _open(self, name: str) -> bool:
-        low, high = self.prior[name]
-        return low < high
 
     def _rows(
         self, name: str, function: Callable[..., Any], width: int, *arrays: Array
     ) -> tuple[Array, Flags | None]:
         return rows(name, function, width, self.batched, *arrays)
-
-    def _try_functions(self) -> None:
-        """Call every function for two plants in the middle of the prior, and check the answers."""
-        theta, N = np.repeat(self.middle, 2, axis=0), len(self.u)
-        u, y = self.u[None], self._tried("simulate", self.respond(theta), N)
-        if not np.array_equal(y, self.respond(theta)):
-            raise ValueError("simulate is random where rng is None. Use rng for all randomness.")
-        if self.excite is not None:
-            u = self._tried("excite", self.inputs(np.array([1, 2], np.uint64)), N)
-            self._tried("simulate", self.respond(theta, u), N)
-        sigma = self._tried("noise", self.sigma(y)[:, None], 1)
-        remedy = "Give standard deviations."
-        validation.number("noise's lowest answer", sigma.min(), at_least=0.0, remedy=remedy)
-        if self.record is not None:
-            keys = np.arange(8, dtype=np.uint64).reshape(2, 4)
-            self._tried("record", self.measure(theta, u, keys), N)
-        gains = self.oracle(theta)
-        none = np.isnan(gains)
-        self._tried("design", np.where(none, 0.0, gains), len(self.gains))
-        if none.any():  # no gains for this plant; there may be for others
-            return
-        self._try_parametrisation(gains)
-        self._tried("evaluate", self.metric_values(theta, gains), len(self.counted))
-        self.closed_loop(theta[0], gains[0])
-
-    def _try_parametrisation(self, gains: Array) -> None:
-        encode, decode = self.parametrisation.encode, self.parametrisation.decode
-        coordinates = np.asarray(call("parametrisation.encode", encode, gains))
-        decoded = call("parametrisation.decode", decode, coordinates)
-        decoded = validation.float_array("parametrisation.decode's answer", decoded)
-        if decoded.shape != gains.shape or not np.allclose(decoded, gains, rtol=1e-6):
-            raise ValueError(
-                f"parametrisation does not give gains {gains[0]} back after encode and decode, but "
-                f"{decoded.ravel()[: gains.shape[1]]}. The default is for positive gains: give a "
-                "parametrisation of your own"
-            )
-
-    def _tried(self, name: str, values: Any, width: int) -> Array:
-        return validation.finite_array(f"{name}'s answer", values, shape=(2, width))

@@ -17,9 +17,11 @@ from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.loops import Loops
 from yawrate_env.plant.metric import Metric
+from yawrate_env.plant.noise import snr
+from yawrate_env.plant.parameters import Range
 from yawrate_env.plant.parametrisation import loop
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE, PILoop
-from yawrate_env.plant.plant import Out, Plant, Range, snr
+from yawrate_env.plant.plant import Out, Plant
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.vehicle.actuator import actuated
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond

@@ -1,4 +1,8 @@
-"""One self-contained HTML page about a result: why to trust it, or why not."""
+"""The report: one self-contained HTML page that shows a result and why it is trusted or not.
+
+Figures, tables and the page's template.  Nothing is computed here that `tune --json` would lack,
+but for the correlations of the residual; figures of studies are in `scripts/studies`.
+"""
 
 from tuners.cli.report.page import render, write_report
 

@@ -1,4 +1,4 @@
-"""Numbers as the pages show them."""
+"""Numbers in the report's typography."""
 
 
 def minus(number: str) -> str:
@@ -7,12 +7,12 @@ def minus(number: str) -> str:
 
 
 def hertz(frequency: float) -> str:
-    """To two places; to two digits where that is nothing."""
+    """A frequency with two decimals, or two digits below 0.1 Hz."""
     return f"{frequency:.2f}" if frequency >= 0.1 else f"{frequency:.2g}"
 
 
 def seconds(time: float) -> str:
-    """In milliseconds up to ten seconds."""
+    """A time with its unit: milliseconds below ten seconds."""
     if time >= 10:
         return f"{time:.1f} s"
     return f"{1e3 * time:.0f} ms" if time >= 0.01 else f"{1e3 * time:.2g} ms"

@@ -1,4 +1,4 @@
-"""From a result to its page."""
+"""The report's HTML page."""
 
 import os
 from typing import Any
@@ -10,7 +10,7 @@ from tuners.cli.report import figures, loops, tables
 from tuners.cli.report.figures import Traces
 from tuners.cli.report.numbers import minus
 from tuners.cli.report.residuals import Residuals
-from tuners.cli.text import described, displayed, forms_of, gain_units, instead
+from tuners.cli.text import described, displayed, fallback_text, forms_of, gain_units
 from tuners.logs import Log
 from tuners.tuner.result import Result
 from yawrate_env.files import write_text
@@ -54,7 +54,7 @@ def render(result: Result, log: Log, tuner: str) -> str:
         tuner=tuner,
         input=input,
         output=output,
-        instead=minus(instead(result.fallback, gain_units(plant))),
+        instead=minus(fallback_text(result.fallback, gain_units(plant))),
         numbers=tables.numbers(result),
         fit=fit,
         loop=loop,

@@ -7,12 +7,13 @@ from yawrate_env.env import rendering
 WIDTH, DPI = 8.0, 150  # inch, pixels an inch
 STYLE = {**rendering.STYLE, "font.size": 9.5, "figure.constrained_layout.use": True}
 # Okabe and Ito's palette, which the colour-blind can tell apart.
-COLOURS = {"gb": "#0072B2", "ts-ff": "#D55E00", "ts-gbm": "#009E73", "ts-ff-gains": "#E69F00"}
-COLOURS |= {"ts-gbm-gains": "#CC79A7", "nominal": "#7b838c", "oracle": "#1f2328"}
-COLOURS |= {"ts-ff-lag": "#56B4E9", "ts-gbm-lag": "#332288", "Cramér–Rao bound": "#1f2328"}
-COLOURS |= {"rl": "#882255", "sac-laguerre": "#882255", "sac-armax": "#56B4E9"}
-COLOURS |= {"td3-laguerre": "#999933", "ppo-laguerre": "#332288"}
-COLOURS |= {"ts-ff-lag": "#56B4E9", "ts-gbm-lag": "#332288", "ts-ff-lag-vx": "#999933"}
+COLOURS = {
+    **{"gb": "#0072B2", "ts-ff": "#D55E00", "ts-gbm": "#009E73", "ts-ff-gains": "#E69F00"},
+    **{"ts-gbm-gains": "#CC79A7", "nominal": "#7b838c", "oracle": "#1f2328"},
+    **{"ts-ff-lag": "#56B4E9", "ts-gbm-lag": "#332288", "Cramér–Rao bound": "#1f2328"},
+    **{"ts-ff-lag-vx": "#999933", "rl": "#882255", "sac-laguerre": "#882255"},
+    **{"sac-armax": "#56B4E9", "td3-laguerre": "#999933", "ppo-laguerre": "#332288"},
+}
 OTHER_COLOURS = ("#56B4E9", "#882255", "#999933", "#332288")
 INK, MODEL, NOISE, ZOOM = rendering.INK, "#b0307a", "#7fb0dd", "#faf6ea"
 

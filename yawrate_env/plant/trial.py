@@ -1,0 +1,66 @@
+"""Trial call of each of a plant's functions when it is described, so that mistakes show at once.
+
+`yawrate_env.plant.plant` imports this module, so the type `Plant` is not named here.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawrate_env import validation
+from yawrate_env.plant.calls import call
+
+Array = NDArray[np.float64]
+
+
+def try_functions(plant: Any) -> None:
+    """Call each function in the middle of the prior; ``ValueError`` for a bad answer."""
+    try:
+        _call_all(plant)
+    except ValueError as error:
+        hint = " For functions of one plant set batched=False." if plant.batched else ""
+        why = str(error).removesuffix(".")
+        raise ValueError(f"In the middle of the prior {why}.{hint}") from (error.__cause__ or error)
+
+
+def _call_all(plant: Any) -> None:
+    """Call every function for two plants in the middle of the prior, and check the answers."""
+    theta, N = np.repeat(plant.middle, 2, axis=0), len(plant.u)
+    u, y = plant.u[None], _checked("simulate", plant.respond(theta), N)
+    if not np.array_equal(y, plant.respond(theta)):
+        raise ValueError("simulate is random where rng is None. Use rng for all randomness.")
+    if plant.excite is not None:
+        u = _checked("excite", plant.inputs(np.array([1, 2], np.uint64)), N)
+        _checked("simulate", plant.respond(theta, u), N)
+    sigma = _checked("noise", plant.sigma(y)[:, None], 1)
+    remedy = "Give standard deviations."
+    validation.number("noise's lowest answer", sigma.min(), at_least=0.0, remedy=remedy)
+    if plant.record is not None:
+        keys = np.arange(8, dtype=np.uint64).reshape(2, 4)
+        _checked("record", plant.measure(theta, u, keys), N)
+    gains = plant.oracle(theta)
+    none = np.isnan(gains)
+    _checked("design", np.where(none, 0.0, gains), len(plant.gains))
+    if none.any():  # no gains for this plant; there may be for others
+        return
+    _try_parametrisation(plant, gains)
+    _checked("evaluate", plant.metric_values(theta, gains), len(plant.counted))
+    plant.closed_loop(theta[0], gains[0])
+
+
+def _try_parametrisation(plant: Any, gains: Array) -> None:
+    encode, decode = plant.parametrisation.encode, plant.parametrisation.decode
+    coordinates = np.asarray(call("parametrisation.encode", encode, gains))
+    decoded = call("parametrisation.decode", decode, coordinates)
+    decoded = validation.float_array("parametrisation.decode's answer", decoded)
+    if decoded.shape != gains.shape or not np.allclose(decoded, gains, rtol=1e-6):
+        raise ValueError(
+            f"parametrisation does not give gains {gains[0]} back after encode and decode, but "
+            f"{decoded.ravel()[: gains.shape[1]]}. The default is for positive gains: give a "
+            "parametrisation of your own"
+        )
+
+
+def _checked(name: str, values: Any, width: int) -> Array:
+    return validation.finite_array(f"{name}'s answer", values, shape=(2, width))
