@@ -300,7 +300,8 @@ def test_a_data_set_is_made_verified_and_learned_from(tmp_path, quick):
     tuner = tuners.load(tmp_path / "my.tuner")
     assert tuner.training["episodes"] == 200
     assert tuner.plant.arguments["vehicle"]["J_z"] == 2600.0
-    refused(UNUSABLE, *train, "--vehicle", short(tmp_path / "other.toml", 2500.0))
+    for other in (short(tmp_path / "other.toml", 2500.0), lag_file(tmp_path)):
+        refused(UNUSABLE, *train, "--vehicle", other)
 
 
 def test_what_cannot_be_trained_from(tmp_path):
@@ -364,6 +365,7 @@ REFUSED = [
     ("tune {log} --measured v_x", WRONG, "--measured"),
     ("tune {log} --measured speed=wheel", WRONG, "'wheel'"),
     ("tune {log} --tuner {lag}", UNUSABLE, "valve"),
+    ("train -o {tmp}/my.tuner --episodes 1e10", WRONG, "--episodes"),
     ("train -o {tmp}/my.tuner --episodes 1.5", WRONG, "--episodes"),
     ("train -o {tmp}/my.tuner --episodes 3", UNUSABLE, "episodes"),
     ("train -o {tmp}/my.bin", WRONG, ".tuner"),
