@@ -69,11 +69,11 @@ def test_a_measured_angle_leads_to_the_same_loop(tmp_path, tuner):
     assert not tuned(log, tuner)["trusted"]
 
 
-def test_degrees_a_hand_wheel_and_km_per_hour_give_the_same_gains(tmp_path, tuner=DEFAULT):
+def test_degrees_a_hand_wheel_and_km_per_hour_give_the_same_gains(tmp_path):
     u, _, y = drive()
-    expected = tuned(log_of(tmp_path, u, y, 18.0), tuner)["gains"]
+    expected = tuned(log_of(tmp_path, u, y, 18.0), DEFAULT)["gains"]
     log = log_of(tmp_path, 16 * np.degrees(u), np.degrees(y), 3.6 * 18.0)
-    found = tuned(log, tuner, "--steer-unit", "deg", "--steer-ratio", 16,
+    found = tuned(log, DEFAULT, "--steer-unit", "deg", "--steer-ratio", 16,
                   "--yaw-rate-unit", "deg/s", "--speed-unit", "km/h")  # fmt: skip
     assert found["gains"] == pytest.approx(expected, rel=1e-9)
 
