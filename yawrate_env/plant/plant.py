@@ -153,6 +153,8 @@ class Plant(Parameters):
     check : bool
         False leaves out the trial call of each function, and the demand that something can be
         learned from the experiment.
+    counted : tuple of str
+        Names of the f metrics that count in the reward, not an argument; others are only reported.
     """
 
     prior: Mapping[str, Range]
@@ -192,11 +194,17 @@ class Plant(Parameters):
     command_limits: Range | None = None
     black_box: tuple[int, float] | None = None
     check: InitVar[bool] = True
+    counted: tuple[str, ...] = field(init=False)
+    _counted: list[int] = field(init=False, repr=False)
 
     def __post_init__(self, check: bool) -> None:
-        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        given = {each.name: getattr(self, each.name) for each in fields(self) if each.init}
         for name, value in checked(given).items():
             object.__setattr__(self, name, value)
+        counted = tuple(name for name, metric in self.settings.items() if metric.counts)
+        indices = [list(self.metrics).index(name) for name in counted]
+        object.__setattr__(self, "counted", counted)
+        object.__setattr__(self, "_counted", indices)
         if check:
             check_experiment(self.u, self.Ts, self.crossover)
             try_functions(self)
@@ -268,11 +276,6 @@ class Plant(Parameters):
         found = np.isfinite(gains).all(axis=1)
         return gains, np.asarray(found if reached is None else found & reached)
 
-    @property
-    def counted(self) -> tuple[str, ...]:
-        """Names of the f metrics that count in the reward; others are only reported."""
-        return tuple(name for name, metric in self.settings.items() if metric.counts)
-
     def evaluation(self, theta: Array, gains: Array) -> tuple[Array, Flags]:
         """All metrics (B, m) of gains as `evaluate` gives them, and whether loops are stable."""
         if self.evaluate is None:
@@ -336,10 +339,6 @@ class Plant(Parameters):
     def metric_setting(self, of: str) -> Array:
         """(f,) ``scale``, ``error`` or ``spread`` of the counted metrics."""
         return np.array([getattr(self.settings[name], of) for name in self.counted])
-
-    @property
-    def _counted(self) -> list[int]:
-        return [list(self.metrics).index(name) for name in self.counted]
 
     def _rows(
         self, name: str, function: Callable[..., Any], width: int, *arrays: Array

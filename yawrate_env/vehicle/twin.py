@@ -6,7 +6,7 @@ one it is.  `LinearTwin` is the paper's; `yawrate_env.vehicle.nonlinear` has ano
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ and returns each one's sum of squares, summed alike whatever the batch."""
 
 class Twin(Protocol):
     """A simulator of the vehicle; a frozen, hashable record of its own parameters."""
+
+    linear: ClassVar[bool]
+    """Whether responses add up."""
 
     def simulator(
         self, vehicle: Vehicle, context: Context, u: NDArray[np.float64], Ts: float
@@ -40,6 +43,8 @@ class Twin(Protocol):
 @dataclass(frozen=True, slots=True)
 class LinearTwin:
     """The single-track vehicle of eqs. (6) to (12), exact at the samples."""
+
+    linear: ClassVar[bool] = True
 
     def simulator(
         self, vehicle: Vehicle, context: Context, u: NDArray[np.float64], Ts: float

@@ -199,7 +199,7 @@ class Vehicles:
     @property
     def linear(self) -> bool:
         """Whether the twin is linear."""
-        return isinstance(self.task.twin, LinearTwin)
+        return self.task.twin.linear
 
     def simulate(self, theta: Array, u: Array, rng: Any) -> Array:
         """Noise-free yaw rates (B, N) from rest; nothing in a twin is random."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,8 @@ class NonlinearTwin:
     limits : Limits
         Of the steering actuator.
     """
+
+    linear: ClassVar[bool] = False
 
     tyre: Tyre = field(default_factory=Tyre)
     body: Body = field(default_factory=Body)
