@@ -31,7 +31,7 @@ def design(theta):
     return np.stack([T / (K * TAU), T], axis=1)
 
 
-def described(**changes):
+def described(**changes) -> Plant:
     settings = {
         "prior": {"K": (0.5, 2.0), "T": (0.2, 1.0)},
         "simulate": simulate,

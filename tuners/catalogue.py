@@ -103,6 +103,8 @@ def train(
         check_calibration(calibration)
     recipe: Recipe
     if isinstance(what, Plant) or (isinstance(what, str) and ":" in what):
+        if plant is not None:
+            raise ValueError("plant is given twice. Leave one out, or give a recipe first.")
         plant, known = find(what), "two-stage"
         recipe = recipe_for(plant)
         calibration = CALIBRATION if calibration is None else calibration
@@ -142,7 +144,8 @@ def load(name: str | os.PathLike[str], plant: Plant | None = None) -> Tuner:
         One of `NAMES`, or a file that `Tuner.save` wrote.
     plant : Plant, optional
         What the tuners that need no training are made for, the paper's vehicles if omitted; for
-        a file its plant, if it should not be imported from the entry that the file names.
+        a file its plant, if it should not be imported from the entry that the file names.  The
+        trained ones of the package keep the vehicles that they were trained for.
         Importing a plant runs its code: look at it first where it comes from somebody else.
 
     Raises

@@ -247,7 +247,7 @@ def test_entry_points_that_lead_nowhere():
         ("nowhere:plant", "no module 'nowhere'"),
         ("first_order:nothing", "no such attribute"),
         ("first_order:TS", "float"),
-        ("first_order:simulate", "first_order:simulate failed"),
+        ("first_order:simulate", "-> Plant"),
     ):
         with pytest.raises(ValueError, match=words):
             find(entry)
@@ -308,3 +308,10 @@ def test_two_modules_of_one_name_are_not_mistaken(tmp_path):
 def test_a_module_that_is_imported_already_is_used_where_the_folder_has_none(tmp_path):
     assert find("first_order:plant", tmp_path) is plant
     sys.path.remove(str(tmp_path))
+
+
+def test_a_data_file_calls_no_function_that_gives_no_plant(tmp_path):
+    there = tmp_path / "there"
+    with pytest.raises(ValueError, match="-> Plant"):
+        find("os:mkdir", arguments={"path": str(there)})
+    assert not there.exists()

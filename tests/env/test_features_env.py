@@ -130,6 +130,10 @@ def test_wrong_environments_are_refused(wrap, env, message):
 def test_unknown_features_and_settings_are_refused(make):
     with pytest.raises(ValueError, match="features = 'fourier'.*armax.*laguerre"):
         make(features="fourier")
+    with pytest.raises(ValueError, match="nonlinear = 'no'"):
+        gymnasium.make(FEATURES_ID, nonlinear="no")
+    with pytest.raises(ValueError, match="nonlinear = 'no'"):
+        gymnasium.make_vec(FEATURES_ID, nonlinear="no")
     with pytest.raises(ValueError, match="features 'laguerre'.*poles"):
         FeatureObservation(plant_env(gauged), "laguerre", poles=3)
 

@@ -178,3 +178,12 @@ def test_defaults_are_the_papers():
     expected = {"neurons": 10, "epochs": 1000, "mu": 0.001}
     expected |= {"mu_decrease": 0.1, "mu_increase": 10.0, "max_fail": 5}
     assert dataclasses.asdict(FeedForwardSettings()) == expected
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"neurons": 0}, {"neurons": 1.5}, {"epochs": -1}, {"mu": -1.0}, {"mu_increase": 1.0}]
+)
+def test_settings_that_train_nothing_or_never_end_are_refused(wrong):
+    (name,) = wrong
+    with pytest.raises(ValueError, match=name):
+        FeedForwardSettings(**wrong)

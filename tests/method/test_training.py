@@ -171,6 +171,7 @@ def test_four_fifths_of_the_plants_train_and_none_is_in_both_parts():
         ("gb", {}, "tuner = 'gb'"),
         ("pidtune", {}, "tuner = 'pidtune'"),
         (5, {}, "recipe = 5"),
+        (PLANT, {}, "plant is given twice"),
     ],
 )
 def test_wrong_arguments_are_refused_before_any_work(what, arguments, name, monkeypatch):

@@ -99,6 +99,25 @@ def test_tuners_take_lists_and_leave_their_arguments_alone():
     assert (again.gains, again.checks) == (plain.gains, plain.checks)
 
 
+@pytest.mark.parametrize(
+    "wrong, words",
+    [({"measured": 3}, "measured = 3"), ({"measured": {"v_x": 20.0}, "v_x": 21.0}, "given twice")],
+)
+def test_measured_parameters_are_given_once_by_name(wrong, words):
+    given = one(FAMILIES["vehicle"], recordings("vehicle"), 0)
+    with pytest.raises(ValueError, match=words):
+        trained("vehicle").tune(given["u"], given["y"], **wrong)
+
+
+def test_what_is_no_recording_is_refused():
+    u = np.ones(500)
+    with pytest.raises(ValueError, match="recording = None"):
+        trained("vehicle").assess(None)
+    for y in (u, u[None, 1:]):
+        with pytest.raises(ValueError, match="Recording.of"):
+            Recording(u[None], y, 0.02)
+
+
 STILL = {
     "no input": lambda u, y: (0 * u, y),
     "no output": lambda u, y: (u, 0 * y),

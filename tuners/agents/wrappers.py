@@ -126,7 +126,8 @@ class UnitVectorAction(VectorWrapper[Any, Any, Any, Any, Any]):
 
 def base_env(*, nonlinear: bool = False, **kwargs: Any) -> PITuningEnv:
     """The vehicle's environment, or with `nonlinear` the one on saturating tyres."""
-    return (PITuningNonlinearEnv if nonlinear else PITuningEnv)(**kwargs)
+    kind = PITuningNonlinearEnv if validation.flag("nonlinear", nonlinear) else PITuningEnv
+    return kind(**kwargs)
 
 
 def features_env(features: str = "laguerre", **kwargs: Any) -> gymnasium.Env[Any, Any]:
@@ -138,8 +139,9 @@ def features_vector_env(
     num_envs: int = 1, features: str = "laguerre", *, nonlinear: bool = False, **kwargs: Any
 ) -> VectorEnv[Any, Any, Any]:
     """Build the batch form of `features_env`."""
-    batch = (PITuningNonlinearVectorEnv if nonlinear else PITuningVectorEnv)(num_envs, **kwargs)
-    return UnitVectorAction(FeatureVectorObservation(batch, features))
+    curved = validation.flag("nonlinear", nonlinear)
+    kind = PITuningNonlinearVectorEnv if curved else PITuningVectorEnv
+    return UnitVectorAction(FeatureVectorObservation(kind(num_envs, **kwargs), features))
 
 
 def plant_features_env(plant: str | Plant, features: str = "laguerre") -> gymnasium.Env[Any, Any]:

@@ -31,5 +31,7 @@ def command(vehicle: Path | None, out: Path, seed: int) -> None:
     write_text(out, text.getvalue())
     (name, factor), _ = displayed(plant)
     word, unit = split(name)
-    amplitude = quantity(factor * float(np.abs(u).max()), unit, digits=3)
-    click.echo(f"{out}: {len(u) * plant.Ts:g} s of {word}, ±{amplitude}, {every(plant.Ts)}")
+    low, high = factor * float(u.min()), factor * float(u.max())
+    start = "±" if np.isclose(-low, high) else f"{low:.3g} to "
+    levels = start + quantity(high, unit, digits=3)
+    click.echo(f"{out}: {len(u) * plant.Ts:g} s of {word}, {levels}, {every(plant.Ts)}")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tuners.learners.batches import Batches, Progress
 from tuners.learners.threads import threads
 from yawrate_env.compiled import cores
-from yawrate_env.validation import finite_array
+from yawrate_env.validation import count, finite_array, number
 
 if TYPE_CHECKING:
     import torch
@@ -54,6 +54,14 @@ class FeedForwardSettings:
     mu_decrease: float = 0.1
     mu_increase: float = 10.0
     max_fail: int = 5
+
+    def __post_init__(self) -> None:
+        for name, least in (("neurons", 1), ("epochs", 0), ("max_fail", 1)):
+            count(name, getattr(self, name), at_least=least, remedy="The paper's are 10, 1000, 5.")
+        remedy = "The paper's are 0.001, 0.1 and 10."
+        number("mu", self.mu, above=0.0, remedy=remedy)
+        number("mu_decrease", self.mu_decrease, above=0.0, below=1.0, remedy=remedy)
+        number("mu_increase", self.mu_increase, above=1.0, remedy=remedy)
 
     def fit(
         self,

@@ -112,7 +112,8 @@ def _roles(plant: Plant, options: Options) -> Iterator[Role]:
     for key in plant.measured:
         words, unit = split(plant.label(key))
         names = (split(key)[0], words, *plant.synonyms.get(key, ()))
-        yield Role(key, words, unit, names, f"--measured {words}=VALUE")
+        said = words if words.isidentifier() else key
+        yield Role(key, words, unit, names, f"--measured {said}=VALUE")
 
 
 def _by_role(given: Mapping[str, T], roles: dict[str, Role]) -> dict[str, T]:

@@ -38,10 +38,11 @@ def _only(plant: Plant, name: str) -> float:
     low, high = plant.prior[name]
     words, unit = split(plant.label(name))
     if low != high:
+        said = words if words.isidentifier() else name
         covered = f"{low:g} to {high:g} {unit}".rstrip()
         raise LogError(
             f"No column looks like {words}, and this tuner covers {covered}. Give its value or its "
-            f"column, as in --measured {words}={high:g}."
+            f"column, as in --measured {said}={high:g}."
         )
     return low
 

@@ -49,6 +49,14 @@ class Recording:
     oversampled: float = 1.0
     variation: float = 0.0
 
+    def __post_init__(self) -> None:
+        u, y = np.shape(self.u), np.shape(self.y)
+        if not (len(u) == len(y) == 2 and u[1] == y[1] and u[0] in (1, y[0])):
+            raise ValueError(
+                f"u and y have shapes {u} and {y}, not (1, N) or (B, N) and (B, N). Give arrays "
+                "(N,) to Recording.of(plant, u, y, Ts)."
+            )
+
     @classmethod
     def of(
         cls,

@@ -103,7 +103,12 @@ class Tuner:
         ValueError
             The recording cannot be used; the message says why and what to do.
         """
-        given = Recording.of(self.plant, u, y, Ts, {**(measured or {}), **parameters})
+        measured = {} if measured is None else measured
+        if not isinstance(measured, Mapping):
+            raise ValueError(f"measured = {measured!r} is not a dict. Give {{name: value}}.")
+        if twice := sorted(measured.keys() & parameters.keys()):
+            raise ValueError(f"{twice[0]} is given twice. Leave out one of the two.")
+        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters})
         found, assessment = self.assess(given, start)
         if given.Ts > self.plant.Ts * (1 + notes.ROUNDED):
             missed = Finding(_between(given, assessment), _MISSED, _TOO_SLOW)
@@ -126,6 +131,8 @@ class Tuner:
     def assess(self, recording: Recording, start: str = "auto") -> tuple[Gains, Assessment]:
         """Gains for every episode as `tune` gives them, and their assessment."""
         plant = self.plant
+        remedy = "Make one with Recording.of(plant, u, y, Ts)."
+        validation.instance("recording", recording, Recording, remedy=remedy)
         remedy = "Slower samples do not show what the plant does: record faster."
         validation.number("Ts", recording.Ts, at_most=slowest(plant), remedy=remedy)
         samples = recording.y.shape[1] * recording.Ts / plant.Ts

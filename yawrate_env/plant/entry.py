@@ -37,7 +37,7 @@ def find(
     Parameters
     ----------
     entry : str or Plant
-        ``module:attribute``; the attribute is a plant, or a function that gives one.
+        ``module:attribute``; the attribute is a plant, or a function annotated ``-> Plant``.
     folder : Path, optional
         Goes to the front of ``sys.path``, as the working folder does.
     arguments : dict, optional
@@ -54,6 +54,7 @@ def find(
     _put_on_path(name.partition(".")[0], folder)
     found = _resolved(entry, name)
     if callable(found) and not isinstance(found, Plant):
+        _check_gives_plant(entry, found)
         found = call(entry, lambda: found(**arguments))
     elif arguments:
         raise ValueError(f"entry = {entry!r} takes no arguments. Leave them out.")
@@ -125,6 +126,16 @@ def _put_on_path(top: str, folder: Path | None) -> None:
         raise ValueError(
             f"module {top!r} is imported from {there} already, not from {here}. Rename one of the "
             "two, or use them in different processes."
+        )
+
+
+def _check_gives_plant(entry: str, function: Any) -> None:
+    """Refuse functions not annotated ``-> Plant``: a data file could name ``os:system``."""
+    returns = getattr(function, "__annotations__", {}).get("return")
+    if returns is not Plant and str(returns).rpartition(".")[2] != Plant.__name__:
+        raise ValueError(
+            f"entry = {entry!r} is a {type(function).__name__} not annotated to give a Plant. "
+            f"Write def {entry.partition(':')[2]}(...) -> Plant, or name a Plant."
         )
 
 
