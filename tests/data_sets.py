@@ -16,7 +16,7 @@ from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 STAGE = Laguerre(4, 2.0)
-EPISODES, SHARD = 300, 50
+EPISODES, SHARD = 200, 50
 
 
 def wandering(theta, u, rng):
@@ -45,23 +45,20 @@ TASK = Task(experiment=Experiment(Ts=0.01, N=1000), target=Target(55.0, 2.0))
 cars = yaw_rate(TASK)
 
 
-def made(
-    out,
-    episodes=EPISODES,
-    *,
-    of=plant,
-    set="train",
-    stage=STAGE,
-    shard_size=SHARD,
-    count=1,
-    **kwargs,
-):
-    sizes = {"shard_size": shard_size, "workers": count}
-    return generate(of, set, stage, episodes, 3, out, **sizes, **kwargs)
+def made(out, episodes=EPISODES, *, of=plant, set="train", stage=STAGE, count=1, **kwargs):
+    kwargs = {"shard_size": SHARD, "workers": count} | kwargs
+    return generate(of, set, stage, episodes, 3, out, **kwargs)
 
 
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def damage(path):
+    """Alter one byte in the middle of a file."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
 
 
 def environment():

@@ -283,7 +283,6 @@ def test_from_a_toml_file_to_trusted_gains(tmp_path, quick):
     found = tuned(write(tmp_path / "a.csv", {"t": t, "valve": U, "flow [l/s]": y}), tuner)
     assert found["trusted"]
     assert found["gains"]["kp"] == pytest.approx(0.5 / (1.2 * 0.3), rel=0.1)
-    assert not tuned(write(tmp_path / "b.csv", {"t": t, "u": U, "y": -y}), tuner)["trusted"]
 
 
 def test_a_data_set_is_made_verified_and_learned_from(tmp_path, quick):
@@ -301,7 +300,8 @@ def test_a_data_set_is_made_verified_and_learned_from(tmp_path, quick):
     tuner = tuners.load(tmp_path / "my.tuner")
     assert tuner.training["episodes"] == 200
     assert tuner.plant.arguments["vehicle"]["J_z"] == 2600.0
-    refused(UNUSABLE, *train, "--vehicle", short(tmp_path / "other.toml", 2500.0))
+    for other in (short(tmp_path / "other.toml", 2500.0), lag_file(tmp_path)):
+        refused(UNUSABLE, *train, "--vehicle", other)
 
 
 def test_what_cannot_be_trained_from(tmp_path):
@@ -365,12 +365,12 @@ REFUSED = [
     ("tune {log} --measured v_x", WRONG, "--measured"),
     ("tune {log} --measured speed=wheel", WRONG, "'wheel'"),
     ("tune {log} --tuner {lag}", UNUSABLE, "valve"),
+    ("train -o {tmp}/my.tuner --episodes 1e10", WRONG, "--episodes"),
     ("train -o {tmp}/my.tuner --episodes 1.5", WRONG, "--episodes"),
     ("train -o {tmp}/my.tuner --episodes 3", UNUSABLE, "episodes"),
     ("train -o {tmp}/my.bin", WRONG, ".tuner"),
     ("train", WRONG, "--out"),
     ("train --vehicle {bad} -o {tmp}/my.tuner", UNUSABLE, "xi"),
-    ("excite --vehicle {empty} -o {tmp}/prbs.csv", UNUSABLE, "empty.toml"),
     ("excite --vehicle {nowhere} -o {tmp}/prbs.csv", UNUSABLE, "no_such_module"),
     ("dataset --out {tmp}/set", WRONG, "--episodes"),
     ("dataset --out {tmp}/set --verify", WRONG, "set"),
@@ -399,13 +399,12 @@ def files(tmp_path_factory):
     (tmp / "log.html").write_bytes(EXAMPLE.read_bytes())
     (tmp / "car.tuner").write_text(paper())
     (tmp / "bad.toml").write_text(paper().replace("xi = 0.9", "xi = 0"))
-    (tmp / "empty.toml").write_text("")
     (tmp / "nowhere.toml").write_text('[plant]\nentry = "no_such_module:plant"\n')
     os.mkfifo(tmp / "pipe.html")
     return {
         "tmp": tmp, "log": tmp / "log.csv", "page": tmp / "log.html", "pipe": tmp / "pipe.html",
         "damaged": tmp / "damaged.tuner", "car": tmp / "car.tuner", "bad": tmp / "bad.toml",
-        "empty": tmp / "empty.toml", "nowhere": tmp / "nowhere.toml", "lag": tuner_of("lag"),
+        "nowhere": tmp / "nowhere.toml", "lag": tuner_of("lag"),
     }  # fmt: skip
 
 

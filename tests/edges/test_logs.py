@@ -163,6 +163,7 @@ def test_a_pipe_is_read_whole(tmp_path, path):
         (b"", "is empty"),
         (b"hello", "fewer than two lines"),
         (b"a,b\nc,d\n", "No row of numbers"),
+        (b'a,b\n1,"2\n', "cannot be read"),
         (b"\x00\x01\x02" * 100, "zero bytes"),
         (b"PAR1 and nothing else", "Parquet file"),
         (b"MATLAB 5.0 MAT-file" + bytes(200), "MATLAB file"),

@@ -112,6 +112,7 @@ ANSWERS = [
     ("design", lambda t: design(t)[:, :1], r"not \(2, 2\)"),
     ("design", lambda t: np.ma.masked_less(design(t), 9e9), "4 masked"),
     ("design", lambda t: np.inf * design(t), "inf"),
+    ("design", lambda t: (design(t), True), "bool"),
     ("noise", lambda y: "a", "numbers"),
     ("noise", lambda y: np.ones(3), r"\(3,\)"),
     ("noise", lambda y: -np.ones(len(y)), "= -1"),
@@ -260,6 +261,7 @@ def test_entry_points_that_lead_nowhere():
         ("import sys\nsys.exit(3)", "SystemExit: 3"),
         ("import nowhere_at_all", "ModuleNotFoundError: No module named 'nowhere_at_all'"),
         ("from first_order import described\nplant = described(Ts=0.0)", "ValueError: Ts = 0"),
+        ("import os\nos.nothing", "AttributeError"),
         ("raise ValueError('a\\nb')", "ValueError: a b"),
     ],
 )

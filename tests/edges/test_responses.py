@@ -20,6 +20,7 @@ T = np.linspace(0.0, 3.0, 50)
         (lambda: Response("Step", T, T, label=3), "label = 3"),
         (lambda: OpenLoop(T, T), "frequency = 0"),
         (lambda: OpenLoop(F, F[:9]), r"response .*\(9,\).* 2000"),
+        (lambda: OpenLoop(F, ["x"] * 2000), "response .*complex"),
         (lambda: OpenLoop(F, np.full(2000, np.nan)), "response .*nan"),
         (lambda: OpenLoop(F, 0 * F), "response .* not 0"),
         (lambda: OpenLoop(F, F, margins=3), "margins = 3"),

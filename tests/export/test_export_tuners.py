@@ -24,7 +24,6 @@ from first_order import described
 
 import tuners
 from tuners.export import export, features_program, first_stage_program, onnx_model, tuner_program
-from tuners.features.laguerre import Laguerre
 from tuners.features.regularised import Regularised
 from tuners.features.response import FrequencyResponse
 from tuners.tuner.recording import Recording
@@ -139,7 +138,7 @@ def test_a_shipped_network_in_c(tmp_path):
 
 @pytest.mark.parametrize(
     "stage, Ts",
-    [(Laguerre(8, 12.0), 0.001), (FrequencyResponse(6, 9.0, points=4), 0.004), (COMPONENTS, 0.001)],
+    [(FrequencyResponse(6, 9.0, points=4), 0.004), (COMPONENTS, 0.001)],
 )
 def test_the_first_stage_in_c_computes_pythons_features(tmp_path, stage, Ts):
     assert passes(written(tmp_path, features_program(stage, Ts, name="lag")), "lag")

@@ -1,13 +1,18 @@
-"""The benchmark: rivals that answer the same, ratios instead of times, and its page."""
+"""Measurements of speed and size: rivals that answer the same, ratios of times, pages."""
+
+import json
 
 import numpy as np
 import pytest
+from imports import modules_after
 from matplotlib.figure import Figure
 from recordings import recorded, vehicles
 
 from benchmarks import page, rivals, stages
 from benchmarks.stopwatch import Contender, race
 from benchmarks.throughput import measure
+from studies import dataset_scale
+from studies.dataset_scale import Size
 from tuners.features.laguerre import Laguerre
 from tuners.trust.identification import identify
 from yawrate_env.vehicle.task import Task
@@ -39,15 +44,11 @@ def test_rivals_simulate_the_same_vehicle():
         np.testing.assert_allclose(work(), ours, rtol=0, atol=1e-9 * np.abs(ours).max())
 
 
-def test_rivals_fit_the_same_models():
+@pytest.mark.slow  # python-control simulates twenty times
+def test_rivals_fit_and_identify_the_same():
     recording = recorded(1)
     ours, _ = Laguerre(8)(recording.u, recording.y, recording.Ts)
     np.testing.assert_allclose(rivals.laguerre(Laguerre(8), recording)(), ours[0], rtol=1e-9)
-
-
-@pytest.mark.slow  # python-control simulates twenty times
-def test_rivals_identify_the_same_vehicle():
-    recording = recorded(1)
     ours = identify(PLANT, recording.u, recording.y).theta[0, :2]
     # A search ends where a step promises a 1e-10 of the cost: 1e-5 of a standard deviation.
     np.testing.assert_allclose(rivals.gray_box(Task(), recording)(), ours, rtol=1e-5)
@@ -65,8 +66,10 @@ def test_an_input_in_every_episode_costs_less_than_one_after_the_other():
     assert found["scipy lfilter and numpy lstsq"]["ratio"]["median"] > 1
 
 
-def test_what_a_process_prints_is_read():
-    assert stages.in_fresh_process("print(1 + 1)") == "2\n"
+@pytest.mark.slow  # compiles
+def test_growth_is_measured_in_a_fresh_process():
+    found = stages.growth_in_fresh_process([10])
+    assert [row["size"] for row in found["episodes"]] == [10]
 
 
 def result():
@@ -74,10 +77,7 @@ def result():
     times["ratio"] = {"median": 1.0, "least": 1.0, "most": 1.0}
     row = {"size": 100, "count": 100, "seconds": 0.5, "megabytes": 200.0}
     return {
-        "machine": "a processor",
-        "versions": {"numpy": "2"},
-        "batch": 64,
-        "rounds": 2,
+        "machine": "a processor", "versions": {"numpy": "2"}, "batch": 64, "rounds": 2,
         "stages": {
             "Environment": {"batch environment": times},
             **{how: dict.fromkeys(stages.TUNERS, times) for how in stages.ANSWERS},
@@ -85,25 +85,16 @@ def result():
         "first": {"import": {"cold": 1.0, "cached": 0.5}},
         "growth": {"episodes": [row, row | {"size": 1000, "seconds": 5.0}], "samples": [row]},
         "training": {"ts-ff": 3.0},
-    }
+    }  # fmt: skip
 
 
-def test_the_page_has_all_that_was_measured_and_says_what_was_not():
+def test_the_page_and_picture_have_all_that_was_measured():
     text = page.to_markdown(result())
     assert all(f"## {how}" in text for how in stages.ANSWERS)
     assert text.count("| ts-ff-lag | 2 (1 to 3) | 1 (1 to 1) |") == 3
     assert "| 1000 episodes | 100 | 5.00 | 50 | 200 |" in text
     assert "| import | 1.00 | 0.50 |" in text and "| ts-ff | 3.0 |" in text
     assert "Not installed" in text and "pysib" in text
-
-
-@pytest.mark.slow  # compiles
-def test_growth_is_measured_in_a_fresh_process():
-    found = stages.growth_in_fresh_process([10])
-    assert [row["size"] for row in found["episodes"]] == [10]
-
-
-def test_the_picture_shows_every_tuner():
     picture = page.picture(result())
     assert isinstance(picture, Figure)
     labels = [text.get_text() for text in picture.axes[0].get_yticklabels()]
@@ -118,3 +109,42 @@ def test_a_batch_beats_scalar_environments_one_after_the_other():
     assert found["SyncVectorEnv"]["ratio"]["median"] > 1
     assert found["plain loop over reset and step"]["ratio"]["median"] > 1
     assert all(f["milliseconds"]["least"] > 0 for f in found.values())
+
+
+# --- data sets
+
+
+SIZES = [Size(n, 2.0 + 1e-4 * n, 500.0, 120.0, 0.0) for n in (1000, 10_000, 100_000)]
+
+
+def test_a_line_through_sizes_of_equal_weight():
+    start, each, error = dataset_scale.fit(SIZES)
+    assert start == pytest.approx(2.0) and each == pytest.approx(1e-4) and error < 1e-12
+    start, each, error = dataset_scale.fit([*SIZES, Size(1_000_000, 112.2, 500.0, 120.0, 0.0)])
+    assert abs(start + 1e3 * each - 2.1) < 0.05 * 2.1 and 0.03 < error < 0.1
+
+
+def test_report_table_and_picture():
+    result = dataset_scale.report([*SIZES, Size(1_000_000, 110.0, 600.0, 120.0, 1e-12)])
+    assert json.loads(json.dumps(result)) == result
+    text = dataset_scale.to_markdown(result)
+    assert "| 100 000 | 12.0 | 8333 | 500 | 120 | equal |" in text
+    assert "off by 1.0e-12" in text and "µs × episodes" in text
+    left, right = dataset_scale.picture(result).axes
+    assert left.get_xlabel() == right.get_xlabel() == "episodes"
+    assert right.get_ylim()[1] > dataset_scale.MEMORY_LIMIT
+
+
+@pytest.mark.slow
+def test_a_size_is_measured(tmp_path):
+    found = dataset_scale.measure(200, tmp_path)
+    assert found.episodes == 200 and found.deviation == 0
+    assert found.seconds > 0 and found.peak > 50 and 50 < found.stored < 1000
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_importing_data_sets_is_light():
+    loaded = modules_after("import tuners.data")
+    assert "pyarrow" in loaded
+    heavy = {"torch", "xgboost", "distributed", "dask", "joblib", "minari", "pandas", "h5py"}
+    assert not loaded & (heavy | {"matplotlib", "tqdm"})

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from data_sets import STAGE, contents, made
+from data_sets import STAGE, contents, damage, made
 from first_order import described, plant
 
 from tuners import data
@@ -24,32 +24,35 @@ def folder(tmp_path):
     return made(tmp_path / "data", 120)
 
 
-def rewritten(folder, number, change):
-    """Replace a shard by another valid one, and its checksum with it."""
-    manifest = json.loads((folder.path / "_manifest.json").read_text())
-    path = folder.path / manifest["shards"][number]["file"]
-    (values,) = shards.read(path)
-    change(values)
-    path.write_bytes(shards.written(values, {}))
-    manifest["shards"][number]["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
-    (folder.path / "_manifest.json").write_text(json.dumps(manifest))
+def again(path):
+    return made(path, 120)
+
+
+def refused(match, path, *uses):
+    for use in uses:
+        with pytest.raises(DatasetError, match=match):
+            use(path)
 
 
 def test_an_intact_data_set_is_verified(folder):
-    calls = []
+    before, times, calls = contents(folder.path), os.stat(folder.path).st_mtime_ns, []
     found = verify(folder.path, sample=7, progress=lambda *call: calls.append(call))
     assert len(found) == 120 and found.recipe == folder.recipe
     assert calls == [("verifying", k, 3) for k in (1, 2, 3)]
     assert deviation(found, 30) == 0
+    folder.read()
+    assert contents(folder.path) == before and os.stat(folder.path).st_mtime_ns == times
+    table = pq.read_table(folder.path)  # the manifest is no part of the table
+    assert table["episode"].to_pylist() == list(range(120))
 
 
 def test_everything_that_is_wrong_is_named(folder):
     first, second, third = (folder.path / shard.file for shard in folder.manifest.shards)
     first.unlink()
-    for path in (second, third):
-        content = bytearray(path.read_bytes())
-        content[len(content) // 2] ^= 1
-        path.write_bytes(content)
+    damage(second)
+    third.unlink()
+    third.mkdir()
+    refused(f"{third.name} is damaged: it is a folder. Delete", folder.path, again)
     with pytest.raises(DatasetError) as refusal:
         verify(folder.path)
     text = str(refusal.value)
@@ -58,23 +61,23 @@ def test_everything_that_is_wrong_is_named(folder):
     assert "Delete what is damaged and generate again" in text
 
 
-@pytest.mark.parametrize("name", ["laguerre_2", "kp", "K"])
-def test_rows_that_their_seed_does_not_give_are_noticed(folder, name):
-    def change(values):
-        values[name] = values[name].copy()
-        values[name][0] *= 1.001
-
-    rewritten(folder, 0, change)
-    assert verify(folder.path)
-    with pytest.raises(DatasetError, match="not what its seed gives here.*1.0e-03 of"):
-        verify(folder.path, sample=1)
+def test_rows_that_their_seed_does_not_give_are_noticed(folder):
+    """Shards that are valid, with their checksums."""
+    manifest = json.loads((folder.path / "_manifest.json").read_text())
+    path = folder.path / manifest["shards"][0]["file"]
+    (values,) = shards.read(path)
+    for name in ("laguerre_2", "kp", "K"):
+        path.write_bytes(shards.written(values | {name: 1.001 * values[name]}, {}))
+        manifest["shards"][0]["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+        (folder.path / "_manifest.json").write_text(json.dumps(manifest))
+        assert verify(folder.path)
+        with pytest.raises(DatasetError, match="not what its seed gives here.*1.0e-03 of"):
+            verify(folder.path, sample=1)
 
 
 def test_an_unfinished_data_set_is_not_read(folder):
     Manifest(folder.manifest.configuration, folder.manifest.shards[:1]).write(folder.path)
-    for read in (Folder, verify):
-        with pytest.raises(DatasetError, match="lacks 2 of its shards.*goes on from there"):
-            read(folder.path)
+    refused("lacks 2 of its shards.*goes on from there", folder.path, Folder, verify)
 
 
 @pytest.mark.parametrize(
@@ -92,22 +95,12 @@ def test_a_manifest_lists_the_shards_of_its_configuration(folder, change):
     path = folder.path / "_manifest.json"
     content = json.loads(path.read_text())
     path.write_text(json.dumps(content | {"shards": change(content["shards"])}))
-    for use in (Folder, lambda where: made(where, 120)):
-        with pytest.raises(DatasetError, match="has no such shard"):
-            use(folder.path)
+    refused("has no such shard", folder.path, Folder, again)
 
 
-@pytest.mark.parametrize("path", ["missing", "."])
-def test_a_folder_without_a_data_set(path, tmp_path):
-    with pytest.raises(DatasetError, match="manifest.json: No such file.*Name a data set"):
-        Folder(tmp_path / path)
-
-
-def test_a_configuration_that_is_not_understood(folder):
-    strange = folder.manifest.configuration | {"features": {"name": "wavelets"}}
-    Manifest(strange, folder.manifest.shards).write(folder.path)
-    with pytest.raises(DatasetError, match="another version's.*wavelets"):
-        Folder(folder.path)
+def test_a_folder_without_a_data_set(tmp_path):
+    for path in (tmp_path, tmp_path / "missing"):
+        refused("manifest.json: No such file.*Name a data set", path, Folder)
 
 
 @pytest.mark.parametrize(
@@ -117,35 +110,22 @@ def test_a_configuration_that_is_not_understood(folder):
         ({"episodes": "120"}, "episodes = '120' is not a number. Read"),
         ({"shard_size": 0}, "shard_size = 0 must be finite, at least 1. Read"),
         ({"raw": "no"}, "raw = 'no' must be True or False. Read"),
+        ({"features": {"name": "wavelets"}}, "another version's.*wavelets"),
     ],
 )
 def test_configurations_that_cannot_be_are_refused_at_once(folder, change, words):
     strange = folder.manifest.configuration | change
     Manifest(strange, folder.manifest.shards).write(folder.path)
-    with pytest.raises(DatasetError, match=words):
-        Folder(folder.path)
+    refused(words, folder.path, Folder)
     with pytest.raises(DatasetError, match=f"another data set: .*{next(iter(change))}"):
         made(folder.path, 60 if "episodes" in change else 120)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [9999 * "[", '{"format": 1, "configuration": [1], "configuration_sha256": "", "shards": []}'],
-)
-def test_manifests_that_hold_something_else_are_damaged(folder, content):
-    (folder.path / "_manifest.json").write_text(content)
-    for use in (Folder, lambda where: made(where, 160)):
-        with pytest.raises(DatasetError, match="_manifest.json is damaged"):
-            use(folder.path)
-
-
-def test_a_folder_in_the_place_of_a_shard_is_damage(folder):
-    path = folder.path / folder.manifest.shards[1].file
-    path.unlink()
-    path.mkdir()
-    for use in (verify, lambda where: made(where, 120)):
-        with pytest.raises(DatasetError, match=f"{path.name} is damaged: it is a folder. Delete"):
-            use(folder.path)
+def test_manifests_that_hold_something_else_are_damaged(folder):
+    other = '{"format": 1, "configuration": [1], "configuration_sha256": "", "shards": []}'
+    for content in (9999 * "[", other):
+        (folder.path / "_manifest.json").write_text(content)
+        refused("_manifest.json is damaged", folder.path, Folder, again)
 
 
 def test_pages_are_checked_as_they_are_read(folder):
@@ -167,19 +147,6 @@ def test_large_shards_are_read_in_parts(monkeypatch):
         np.testing.assert_array_equal(np.concatenate([part[name] for part in parts]), column)
 
 
-def test_other_programs_read_it(folder):
-    table = pq.read_table(folder.path)  # the manifest is no part of the table
-    assert table.num_rows == 120
-    assert table["episode"].to_pylist() == list(range(120))
-
-
-def test_reading_changes_nothing(folder):
-    before, times = contents(folder.path), os.stat(folder.path).st_mtime_ns
-    folder.read()
-    verify(folder.path, sample=2)
-    assert contents(folder.path) == before and os.stat(folder.path).st_mtime_ns == times
-
-
 def test_a_missing_module_is_refused(tmp_path):
     (tmp_path / "my_plant.py").write_text("from first_order import described as plant")
     own = find("my_plant:plant", tmp_path)
@@ -188,9 +155,8 @@ def test_a_missing_module_is_refused(tmp_path):
     assert len(Folder(tmp_path / "data")) == 60  # found beside the folder
     del sys.modules["my_plant"]
     (tmp_path / "my_plant.py").unlink()
-    for use in (Folder, verify, data.train):
-        with pytest.raises(DatasetError, match="no module 'my_plant'.*PYTHONPATH"):
-            use(tmp_path / "data")
+    missing = "no module 'my_plant'.*PYTHONPATH"
+    refused(missing, tmp_path / "data", Folder, verify, data.train)
     assert verify(tmp_path / "data", plant=own)
     with pytest.raises(DatasetError, match="is of my_plant:plant, not of first_order:plant"):
         Folder(tmp_path / "data", described())

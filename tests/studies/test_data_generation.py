@@ -1,11 +1,9 @@
 """Data sets: the same bytes whoever makes them, however often they are interrupted."""
 
 import errno
+import fcntl
 import json
 import os
-import resource
-import subprocess
-import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -18,7 +16,7 @@ from data_sets import EPISODES, SHARD, STAGE, TASK, cars, contents, made, rich, 
 from first_order import TAU, U, described, design, plant, simulate
 
 from tuners import data
-from tuners.data import DatasetError, Folder, generate, load_gains, shards, verify, workers
+from tuners.data import DatasetError, Folder, load_gains, shards, verify, workers
 from tuners.data.manifest import Configuration, Manifest, Shard, shard_size
 from tuners.features.laguerre import Laguerre
 from tuners.features.response import FrequencyResponse
@@ -32,7 +30,6 @@ from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 OTHER = FrequencyResponse(8, 2.0, 0.05, 2.0)
-KINDS = pytest.mark.parametrize("of", [plant, rich, cars], ids=["simple", "rich", "cars"])
 
 
 @pytest.fixture(scope="module")
@@ -59,88 +56,76 @@ def partial(tmp_path, undisturbed):
     return folder
 
 
+@pytest.fixture
+def firsts(monkeypatch):
+    """The first episodes of the shards that are made."""
+    work, found = shards.made, []
+
+    def counted(configuration, shard, home):
+        found.append(shard.first)
+        return work(configuration, shard, home)
+
+    monkeypatch.setattr("tuners.data.shards.made", counted)
+    return found
+
+
+@contextmanager
+def refused(folder, match):
+    """A refusal that leaves every file as it was."""
+    before = contents(folder)
+    with pytest.raises(DatasetError, match=match):
+        yield
+    assert contents(folder) == before
+
+
 def assert_same_rows(found, expected):
     for name in expected.__slots__:
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
-@KINDS
-@pytest.mark.parametrize("shard_size", [37, 128, 1000])
-def test_rows_are_those_of_the_pipeline_whatever_the_shards(of, shard_size, tmp_path):
-    found = made(tmp_path / "d", 160, of=of, shard_size=shard_size).read()
-    assert_same_rows(found, examples(of, 160, 3, STAGE))
+@pytest.mark.parametrize("of", [plant, rich, cars], ids=["simple", "rich", "cars"])
+def test_rows_are_those_of_the_pipeline_whatever_the_shards(of, tmp_path):
+    expected = examples(of, 160, 3, STAGE)
+    for size in (128, 1000):
+        found = made(tmp_path / f"{size}", 160, of=of, shard_size=size).read()
+        assert_same_rows(found, expected)
     assert of is plant or 0 < found.usable.sum() < 160
+    if of is plant:
+        other = made(tmp_path / "other", 20, stage=OTHER, shard_size=7)
+        assert_same_rows(other.read(), examples(plant, 20, 3, OTHER))
+        assert "response_1" in next(other.columns())
+    folder = made(tmp_path / "raw", 40, of=of, shard_size=30, raw=True)
+    np.testing.assert_array_equal(folder.read().features, expected.features[:40])
+    episodes, parts = recorded(of, "train", 3, 40), list(folder.columns(["u", "y"]))
+    signals = np.broadcast_to(episodes.u, episodes.y.shape), episodes.y
+    for name, signal in zip("uy", signals, strict=True):
+        stored = np.concatenate([part[name] for part in parts])
+        np.testing.assert_array_equal(stored, signal.astype(np.float32))
+    assert "y" not in next(folder.columns())
+    assert verify(folder.path, sample=3)
 
 
-def test_other_features_have_columns_of_their_own(tmp_path):
-    folder = made(tmp_path / "d", 20, stage=OTHER, shard_size=7)
-    assert_same_rows(folder.read(), examples(plant, 20, 3, OTHER))
-    assert "response_1" in next(folder.columns())
-
-
-def test_a_larger_data_set_begins_with_the_smaller_one(whole):
-    smaller = examples(plant, 20, 3, STAGE)
-    np.testing.assert_array_equal(whole.read().features[:20], smaller.features)
-
-
-def test_the_order_of_the_work_does_not_matter(tmp_path, undisturbed, monkeypatch):
-    def backwards(work, jobs, count, scheduler):
-        return ((job, work(job)) for job in jobs[::-1])
-
-    monkeypatch.setattr("tuners.data.workers.results", backwards)
-    made(tmp_path / "data")
-    assert contents(tmp_path / "data") == undisturbed
-
-
-def test_what_is_finished_is_not_made_again(partial, undisturbed, monkeypatch):
-    calls, shown = [], []
-    work = shards.made
-
-    def counted(configuration, shard, home):
-        calls.append(shard.first)
-        return work(configuration, shard, home)
-
-    monkeypatch.setattr("tuners.data.shards.made", counted)
+def test_what_is_finished_is_not_made_again(partial, undisturbed, firsts):
+    shown = []
+    for name in (".shard-000002.parquet.a1b2c3d4", "shard-000002.parquet"):
+        (partial / name).write_bytes(b"what a killed run leaves")
     made(partial, progress=lambda *call: shown.append(call))
-    assert calls == [200, 250]
-    assert shown[:4] == [("verifying", done, 4) for done in (1, 2, 3, 4)]
-    assert shown[4:] == [("simulating", done, 300) for done in (200, 250, 300)]
+    assert firsts == [100, 150]
+    assert shown == [
+        *(("verifying", done, 2) for done in (1, 2)),
+        *(("simulating", done, 200) for done in (100, 150, 200)),
+    ]
     assert contents(partial) == undisturbed
     made(partial)
-    assert calls == [200, 250]
+    assert firsts == [100, 150]
+    with refused(partial, "Resume it, or name a new folder"):
+        made(partial, resume=False)
 
 
-def test_a_shard_that_was_deleted_is_made_again(partial, undisturbed):
-    (partial / "shard-000001.parquet").unlink()
-    made(partial)
-    assert contents(partial) == undisturbed
-
-
-def test_leftovers_of_a_killed_run_disappear(partial, undisturbed):
-    for name in (".shard-000004.parquet.a1b2c3d4", "._manifest.json.a1b2c3d4"):
-        (partial / name).write_bytes(b"half of it")
-    (partial / "shard-000004.parquet").write_bytes(b"finished, but not in the manifest yet")
-    made(partial)
-    assert contents(partial) == undisturbed
-
-
-def test_killed_before_the_first_manifest(tmp_path, undisturbed):
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "._manifest.json.a1b2c3d4").write_bytes(b"{")
-    made(tmp_path / "data")
-    assert contents(tmp_path / "data") == undisturbed
-
-
-@pytest.mark.parametrize("before, after", [(100, 130), (30, 130), (110, 130), (110, 220)])
-def test_a_data_set_that_grew_is_the_larger_one(before, after, tmp_path, monkeypatch):
+@pytest.mark.parametrize("before, after", [(100, 130), (30, 130), (110, 130)])
+def test_a_data_set_that_grew_is_the_larger_one(before, after, tmp_path, firsts):
     made(tmp_path / "data", before)
-    work, firsts = shards.made, []
-
-    def counted(configuration, shard, home):
-        firsts.append(shard.first)
-        return work(configuration, shard, home)
-
-    monkeypatch.setattr("tuners.data.shards.made", counted)
+    firsts.clear()
     grown = made(tmp_path / "data", after)
     assert firsts == list(range(before - before % SHARD, after, SHARD))  # the others are kept
     assert len(grown) == after and verify(grown.path, sample=5)
@@ -150,70 +135,25 @@ def test_a_data_set_that_grew_is_the_larger_one(before, after, tmp_path, monkeyp
         made(tmp_path / "data", before)
 
 
-def test_an_unfinished_data_set_may_grow(partial, tmp_path):
-    made(partial, 310)
-    made(tmp_path / "at once", 310)
-    assert contents(partial) == contents(tmp_path / "at once")
+def test_columns_have_the_plants_names_types_and_units(whole, tmp_path):
+    path = made(tmp_path / "cars", 30, of=cars, raw=True).path / "shard-000000.parquet"
+    schema = pq.read_schema(path)
+    numbers = ["mu_s", "M_delta", "v_x", *(f"laguerre_{i}" for i in range(1, 5))]
+    targets = ["kp", "Ti", "log_gain", "phase"]
+    assert schema.names == ["episode", *numbers, "usable", *targets, "u", "y"]
+    types = [str(field.type) for field in schema]
+    assert types[:-2] == ["int64", *["double"] * 7, "bool", *["double"] * 4]
+    assert all(kind.startswith("fixed_size_list") for kind in types[-2:])
+    units = {field.name: field.metadata[b"unit"] for field in schema if field.metadata}
+    assert units == {"M_delta": b"kg", "v_x": b"m/s", "u": b"rad", "y": b"rad/s"}
 
-
-def test_what_is_damaged_does_not_grow(partial):
-    path = partial / "shard-000001.parquet"
-    path.write_bytes(path.read_bytes()[:-1] + b"!")
-    before = contents(partial)
-    with pytest.raises(DatasetError, match=f"{path.name} is damaged.*Delete"):
-        made(partial, 310)
-    assert contents(partial) == before
-
-
-@KINDS
-def test_recordings_are_kept_on_request(of, tmp_path):
-    folder = made(tmp_path / "data", 40, of=of, shard_size=30, raw=True)
-    episodes = recorded(of, "train", 3, 40)
-    parts = list(folder.columns(["u", "y"]))
-    signals = np.broadcast_to(episodes.u, episodes.y.shape), episodes.y
-    for name, expected in zip("uy", signals, strict=True):
-        stored = np.concatenate([part[name] for part in parts])
-        np.testing.assert_array_equal(stored, expected.astype(np.float32))
-    assert "y" not in next(folder.columns())
-    assert verify(folder.path, sample=3)
-
-
-def test_columns_have_plain_types_and_units(tmp_path):
-    folder = made(tmp_path / "data", 30, of=cars, raw=True)
-    schema = pq.read_schema(folder.path / "shard-000000.parquet")
-    columns = {f.name: (str(f.type), (f.metadata or {}).get(b"unit")) for f in schema}
-    assert columns == {
-        "episode": ("int64", None),
-        "mu_s": ("double", None),
-        "M_delta": ("double", b"kg"),
-        "v_x": ("double", b"m/s"),
-        **{f"laguerre_{i}": ("double", None) for i in range(1, 5)},
-        "usable": ("bool", None),
-        "kp": ("double", None),
-        "Ti": ("double", None),
-        "log_gain": ("double", None),
-        "phase": ("double", None),
-        "u": ("fixed_size_list<element: float not null>[1000]", b"rad"),
-        "y": ("fixed_size_list<element: float not null>[1000]", b"rad/s"),
-    } or str(columns["u"][0]).startswith("fixed_size_list")
-    values = next(folder.columns())
-    theta = np.stack([values[name] for name in cars.prior], axis=1)
-    gains = np.stack([values["kp"], values["Ti"]], axis=1)
-    found, reached = cars.designs(theta)
-    np.testing.assert_array_equal(gains, found)
-    np.testing.assert_array_equal(values["usable"], reached)
-    coordinates = np.stack([values["log_gain"], values["phase"]], axis=1)
-    np.testing.assert_array_equal(coordinates, cars.parametrisation.encode(gains))
-
-
-def test_columns_have_the_plants_own_names(whole, tmp_path):
-    names = pq.read_schema(whole.path / "shard-000000.parquet").names
-    features = [f"laguerre_{i}" for i in (1, 2, 3, 4)]
-    assert names == ["episode", "K", "T", *features, "usable", "kp", "Ti", "log_kp", "log_Ti"]
     values = next(whole.columns())
+    features = [f"laguerre_{i}" for i in (1, 2, 3, 4)]
+    assert list(values) == ["episode", "K", "T", *features, "usable", "kp", "Ti",
+                            "log_kp", "log_Ti"]  # fmt: skip
     np.testing.assert_allclose(values["kp"], values["T"] / (values["K"] * TAU))
     np.testing.assert_array_equal(values["log_Ti"], np.log(values["Ti"]))
-    values = next(made(tmp_path / "data", 50, of=rich).columns())
+    values = next(made(tmp_path / "rich", 50, of=rich).columns())
     assert list(values)[7:] == ["laguerre_5", "usable", "kp", "Ti", "coordinate_1", "coordinate_2"]
     np.testing.assert_array_equal(values["laguerre_5"], np.log(values["K"]))  # it is measured
     np.testing.assert_array_equal(values["coordinate_2"], values["Ti"])
@@ -225,10 +165,10 @@ def test_the_manifest_holds_the_configuration(whole):
     integers = np.random.SeedSequence((1, 3), spawn_key=(7,)).generate_state(8, np.uint64)
     K = 0.5 + 1.5 * (int(integers[0]) >> 11) * 2.0**-53
     assert whole.read().theta[7, 0] == pytest.approx(K, rel=1e-15)
-    assert [shard["rows"] for shard in text["shards"]] == [SHARD] * 6
-    assert whole.recipe == Configuration(plant, "train", STAGE, 3, EPISODES, SHARD, False)
+    assert [shard["rows"] for shard in text["shards"]] == [SHARD] * 4
+    assert whole.recipe == Configuration(plant, "train", STAGE, 3.0, EPISODES, SHARD, False)
     assert text["configuration"]["plant"]["entry"] == "first_order:plant"
-    assert len(whole) == EPISODES
+    assert text["configuration"]["seed"] == 3 and len(whole) == EPISODES
 
 
 def test_a_plant_from_a_function_is_found_by_its_arguments(tmp_path):
@@ -242,17 +182,9 @@ def test_a_plant_from_a_function_is_found_by_its_arguments(tmp_path):
         Folder(tmp_path / "data", other)
 
 
-@pytest.mark.parametrize(
-    "episodes, raw, size", [(1e6, False, 4096), (1e6, True, 512), (1e8, False, 97_657)]
-)
-def test_shards_by_default(episodes, raw, size):
-    assert shard_size(int(episodes), raw) == size
-    assert raw or size * 1024 >= episodes
-
-
-def test_whole_numbers_may_be_written_as_floats(tmp_path):
-    assert len(generate(plant, "train", STAGE, 2e1, 3.0, tmp_path / "data", workers=1)) == 20
-    assert '"episodes": 20,' in (tmp_path / "data" / "_manifest.json").read_text()
+def test_shards_by_default():
+    assert shard_size(10**6, False) == 4096 and shard_size(10**6, True) == 512
+    assert 1024 * shard_size(10**8, False) >= 10**8
 
 
 # What can go wrong.  Every refusal says why, and leaves every file as it was.
@@ -262,56 +194,40 @@ def test_whole_numbers_may_be_written_as_floats(tmp_path):
     "change, message",
     [
         ({"stage": Laguerre(5, 2.0)}, "features.order is 4 there and 5 here"),
+        ({"stage": OTHER}, "features.name is 'laguerre' there and 'response' here"),
         ({"of": cars}, "plant.entry is 'first_order:plant' there"),
         ({"set": "test"}, "set is 'train' there and 'test' here"),
-        ({"episodes": 299}, "episodes is 300 there and 299 here"),
-        (
-            {"episodes": 301, "raw": True},
-            "holds another data set: raw is False there and True here",
-        ),
+        ({"episodes": 201, "raw": True}, "another data set: raw is False there and True here"),
         ({"shard_size": 51}, "shard_size is 50 there and 51 here"),
-        ({"raw": True}, "raw is False there and True here"),
-        ({"stage": OTHER}, "features.name is 'laguerre' there and 'response' here"),
     ],
 )
 def test_another_configuration_is_refused(partial, change, message):
-    before = contents(partial)
-    with pytest.raises(DatasetError, match=message):
+    with refused(partial, message):
         made(partial, **change)
-    assert contents(partial) == before
 
 
-def test_another_version_is_refused(partial, monkeypatch):
-    monkeypatch.setattr("tuners.data.manifest.__version__", "9.9")
-    with pytest.raises(DatasetError, match="versions.yawrate is '.*' there and '9.9' here"):
-        made(partial)
-
-
-def test_a_worker_of_another_version_is_refused():
+def test_another_version_or_module_is_refused(partial, monkeypatch):
     configuration = Configuration(plant, "train", STAGE, 3, EPISODES, SHARD, False).to_json()
-    configuration["versions"]["numpy"] = "1.0"
-    with pytest.raises(DatasetError, match="numpy is '1.0' there .* Install the same"):
+    monkeypatch.setattr("tuners.data.manifest.__version__", "9.9")
+    with refused(partial, "versions.yawrate is '.*' there and '9.9' here"):
+        made(partial)
+    with pytest.raises(DatasetError, match="yawrate is '.*' there .* Install the same"):
         shards.made(configuration, Shard("", 0, 1))
-
-
-def test_a_worker_without_the_module_is_refused():
-    configuration = Configuration(plant, "train", STAGE, 3, 100, 50, False).to_json()
     configuration["plant"]["entry"] = "gone:plant"
     with pytest.raises(DatasetError, match="A worker.*no module 'gone'.*all workers the same"):
         shards.made(configuration, Shard("", 0, 1))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_one_altered_byte_is_noticed(partial, seed, undisturbed):
     rng = np.random.default_rng(seed)
-    path = partial / f"shard-{rng.integers(4):06d}.parquet"
+    path = partial / f"shard-{rng.integers(2):06d}.parquet"
     content = bytearray(path.read_bytes())
     content[rng.integers(len(content))] ^= 1 << rng.integers(8)
     path.write_bytes(content)
-    before = contents(partial)
-    with pytest.raises(DatasetError, match=f"{path.name} is damaged.*Delete"):
-        made(partial)
-    assert contents(partial) == before
+    for episodes in (EPISODES, EPISODES + 10):
+        with refused(partial, f"{path.name} is damaged.*Delete"):
+            made(partial, episodes)
     path.unlink()  # as the message says
     made(partial)
     assert contents(partial) == undisturbed
@@ -322,9 +238,8 @@ def test_a_manifest_that_is_damaged_is_refused(partial):
     good = path.read_text()
     for bad in ("", good[:-20], good.replace('"seed": 3', '"seed": 4'), "[]", '{"format": 1}'):
         path.write_text(bad)
-        with pytest.raises(DatasetError, match="_manifest.json"):
+        with refused(partial, "_manifest.json"):
             made(partial)
-        assert path.read_text() == bad
     path.write_text(good.replace("yawrate-dataset 1", "yawrate-dataset 2"))
     with pytest.raises(DatasetError, match="format 'yawrate-dataset 2'; this program reads"):
         made(partial)
@@ -332,58 +247,23 @@ def test_a_manifest_that_is_damaged_is_refused(partial):
 
 def test_a_file_or_a_foreign_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("precious")
-    with pytest.raises(DatasetError, match="file is a file. Name a folder"):
-        made(tmp_path / "file")
-    with pytest.raises(DatasetError, match="something else already. Name a new folder"):
-        made(tmp_path)
-    assert contents(tmp_path) == {"file": b"precious"}
-
-
-def test_going_on_can_be_refused(partial):
-    with pytest.raises(DatasetError, match="holds a data set already"):
-        made(partial, resume=False)
+    for out, why in ((tmp_path / "file", "file is a file"), (tmp_path, "something else already")):
+        with refused(tmp_path, why):
+            made(out)
 
 
 def test_a_folder_is_written_by_one_process(partial):
-    program = (
-        "import fcntl, os, sys; f = os.open(sys.argv[1], os.O_RDONLY); "
-        "fcntl.flock(f, fcntl.LOCK_EX); print('locked', flush=True); sys.stdin.read()"
-    )
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen([sys.executable, "-c", program, partial], **pipes) as other:
-        other.stdout.readline()
-        with pytest.raises(DatasetError, match="being written by another process"):
-            made(partial)
-        other.stdin.close()
-    made(partial)
-
-
-@contextmanager
-def largest_file(size):
-    """The operating system refuses larger files, as a full disk would."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-def test_what_cannot_be_written_leaves_nothing_half_written(partial, undisturbed):
-    before = contents(partial)
-    largest = max(len(content) for content in undisturbed.values())
-    with (
-        largest_file(largest // 2),
-        pytest.raises(DatasetError, match="too large.*stay valid"),
-    ):
+    handle = os.open(partial, os.O_RDONLY)  # a lock belongs to what was opened, not to a process
+    fcntl.flock(handle, fcntl.LOCK_EX)
+    with refused(partial, "being written by another process"):
         made(partial)
-    assert contents(partial) == before
+    os.close(handle)
     made(partial)
-    assert contents(partial) == undisturbed
 
 
-@pytest.mark.parametrize("at", range(1, 9))
+@pytest.mark.parametrize("at", range(1, 6))
 def test_a_full_disk_loses_nothing(at, tmp_path, undisturbed, monkeypatch):
+    """Two steps a file: the manifest, the first shard, the manifest again."""
     calls, fsync = [], os.fsync
 
     def full(handle):
@@ -422,11 +302,16 @@ def test_a_folder_that_cannot_be_written_is_refused_before_any_work(tmp_path, mo
         ({"shard_size": 0.5}, "shard_size"),
         ({"count": 0}, "workers = 0"),
         ({"of": "first_order:plant"}, "plant = 'first_order:plant'"),
-        ({"set": "nowhere"}, "'nowhere' is unknown"),
         ({"set": None}, "None is unknown"),
         ({"set": "extrapolation"}, "extrapolation"),
         ({"stage": None}, "features = None"),
         ({"stage": Laguerre(60, 2.0)}, "500 samples are too few for 60"),
+        ({"of": described(entry="")}, 'entry="my_plant:plant"'),
+        ({"of": described(entry="gone:plant")}, "no module 'gone'"),
+        ({"of": described(noise=0.5)}, "not of the first_order:plant .*: the plant's noise"),
+        ({"of": described(gains=("u", "Ti"))}, "'u' would be the name of two columns"),
+        ({"of": described(gains=("kp", "log_kp"))}, "'log_kp' would be"),
+        ({"of": described(gains=("kp", "response_1"))}, "'response_1' would be"),
     ],
 )
 def test_wrong_arguments_are_refused_before_any_work(arguments, message, tmp_path):
@@ -438,16 +323,13 @@ def test_wrong_arguments_are_refused_before_any_work(arguments, message, tmp_pat
 # Plants that change.
 
 
+TWICE = Parametrisation(lambda g: 2 * LOG.encode(g), lambda x: LOG.decode(x / 2), LOG.names)
 CHANGES = {
     "design": {"design": lambda t: 1.01 * design(t)},
     "simulate": {"simulate": lambda t, u, rng: 1.01 * simulate(t, u, rng)},
     "noise": {"noise": 0.021},
     "ranges.K": {"prior": {"K": (0.5, 2.1), "T": (0.2, 1.0)}},
-    "parametrisation": {
-        "parametrisation": Parametrisation(
-            lambda g: 2 * LOG.encode(g), lambda x: LOG.decode(x / 2), LOG.names
-        )
-    },
+    "parametrisation": {"parametrisation": TWICE},
     "u": {"u": np.roll(U, 1)},
     "recordings": {"simulate": wandering},
     "coordinates": {"parametrisation": Parametrisation(LOG.encode, LOG.decode)},
@@ -455,15 +337,17 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("what", CHANGES)
-def test_a_plant_that_changed_since_is_refused(what, partial, whole, monkeypatch):
+def test_a_plant_that_changed_since_is_refused(what, partial, monkeypatch):
     now = described(**CHANGES[what])
     monkeypatch.setattr(first_order, "plant", now)
-    before = contents(partial)
-    with pytest.raises(DatasetError, match=f"holds another data set: .*plant.*{what}"):
+    with refused(partial, f"holds another data set: .*plant.*{what}"):
         made(partial, of=now)
-    assert contents(partial) == before
+
+
+def test_every_reader_refuses_a_plant_that_changed(whole, monkeypatch):
+    monkeypatch.setattr(first_order, "plant", described(noise=0.021))
     for use in (Folder, verify, load_gains, data.train):
-        with pytest.raises(DatasetError, match=f"not of the first_order:plant.*{what}.*Restore"):
+        with pytest.raises(DatasetError, match="not of the first_order:plant.*noise.*Restore"):
             use(whole.path)
     with pytest.raises(DatasetError, match="A worker.*not of the first_order:plant"):
         shards.made(whole.manifest.configuration, Shard("", 0, 1))
@@ -479,19 +363,13 @@ def test_what_no_row_follows_from_may_change(partial, undisturbed, monkeypatch):
     assert contents(partial) == undisturbed
 
 
-def test_another_machines_rounding_is_no_change(partial, undisturbed, monkeypatch):
-    def rounded(theta, u, rng):
-        return (1 + 1e-9) * simulate(theta, u, rng)
-
-    monkeypatch.setattr(first_order, "plant", described(simulate=rounded))
-    then = fingerprint(plant)
-    assert then["simulate"] != fingerprint(first_order.plant)["simulate"]
-    assert changed(first_order.plant, then) == ""
-    assert len(made(partial, of=first_order.plant)) == EPISODES
-    assert (
-        json.loads((partial / "_manifest.json").read_bytes())["configuration"]
-        == (json.loads(undisturbed["_manifest.json"])["configuration"])
-    )
+def test_another_machines_rounding_is_no_change(partial, monkeypatch):
+    now = described(simulate=lambda t, u, rng: (1 + 1e-9) * simulate(t, u, rng))
+    monkeypatch.setattr(first_order, "plant", now)
+    before, then = Manifest.read(partial).configuration, fingerprint(plant)
+    assert then["simulate"] != fingerprint(now)["simulate"] and changed(now, then) == ""
+    assert len(made(partial, of=now)) == EPISODES
+    assert Manifest.read(partial).configuration == before
 
 
 def test_missing_gains_count_too():
@@ -500,24 +378,6 @@ def test_missing_gains_count_too():
     )
     assert np.isfinite(fingerprint(some)["design"]).all()
     assert changed(some, fingerprint(every)) == "design"
-
-
-@pytest.mark.parametrize(
-    "change, words",
-    [
-        ({"entry": ""}, 'A data set must find its plant again.*entry="my_plant:plant"'),
-        ({"entry": "gone:plant"}, "no module 'gone'"),
-        ({"noise": 0.5}, "not of the first_order:plant that is found here: the plant's noise"),
-        ({"gains": ("u", "Ti")}, "'u' would be the name of two columns"),
-        ({"gains": ("kp", "log_kp")}, "'log_kp' would be the name of two columns"),
-        ({"gains": ("kp", "response_1")}, "'response_1' would be the name"),
-        ({"prior": {"K": (0.5, 2.0), "y": (0.2, 1.0)}}, "'y' would be"),
-    ],
-)
-def test_what_cannot_be_a_data_set_is_refused_before_any_work(change, words, tmp_path):
-    with pytest.raises(ValueError, match=words):
-        made(tmp_path / "data", of=described(**change))
-    assert not (tmp_path / "data").exists()
 
 
 # Who does the work.
@@ -530,14 +390,12 @@ def test_results_do_not_pile_up(monkeypatch):
             yield pool, lambda: count
 
     monkeypatch.setattr(workers, "_executor", threads)
-    started = []
-    found = workers.results(lambda job: started.append(job) or b"", range(100), 2, None)
-    taken = set()
-    for job, _ in found:
+    started, taken = [], set()
+    for job, _ in workers.results(lambda job: started.append(job) or b"", range(50), 2, None):
         taken.add(job)
         time.sleep(0.001)
         assert len(started) - len(taken) <= 4  # two a worker
-    assert taken == set(range(100))
+    assert taken == set(range(50))
 
 
 def test_a_scheduler_that_is_not_there(tmp_path, monkeypatch):

@@ -1,15 +1,15 @@
-"""Training from a folder: the same tuner as from memory."""
+"""Training from a folder: the same tuner as from memory; and the table of scikit-learn's kind."""
 
 import numpy as np
 import pytest
 import torch
-from data_sets import STAGE, cars, made, rich
+from data_sets import STAGE, cars, damage, made, rich
 from first_order import described, plant
 from recordings import ROOT
 
 import tuners
 from tuners import data
-from tuners.data import DatasetError, shards
+from tuners.data import DatasetError, load_gains, shards
 from tuners.data.training import Part
 from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
@@ -21,13 +21,9 @@ from yawrate_env.plant.episodes import recorded
 
 torch.set_num_threads(1)
 
-EPISODES = 250
-QUICK = {
-    "network": FeedForwardSettings(neurons=6, epochs=12),
-    "trees": GBMSettings(n_estimators=30, min_child_weight=5.0),
-}
-KINDS = pytest.mark.parametrize("of", [rich, cars], ids=["rich", "cars"])
-NETWORK = Recipe(STAGE, QUICK["network"])
+EPISODES = 200
+NETWORK = Recipe(STAGE, FeedForwardSettings(neurons=6, epochs=12))
+TREES = Recipe(STAGE, GBMSettings(n_estimators=20, min_child_weight=5.0))
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +32,16 @@ def folders(tmp_path_factory):
     return {of: made(out / str(k), EPISODES, of=of) for k, of in enumerate((plant, rich, cars))}
 
 
-@KINDS
-@pytest.mark.parametrize("learner", QUICK.values(), ids=QUICK)
-def test_a_tuner_is_that_of_the_same_data_in_memory(of, learner, folders):
-    recipe, calls = Recipe(STAGE, learner), []
-    expected = tuners.train(recipe, of, episodes=EPISODES, seed=3, calibration=0, name="two-stage")
+@pytest.mark.parametrize(
+    "of, recipe, calibration",
+    [(rich, NETWORK, 60), (cars, TREES, 0)],
+    ids=["a network of measured plants", "trees of vehicles"],
+)
+def test_a_tuner_is_that_of_the_same_data_in_memory(of, recipe, calibration, folders):
+    calls, settings = [], {"seed": 3, "calibration": calibration}
+    expected = tuners.train(recipe, of, episodes=EPISODES, name="two-stage", **settings)
     found = data.train(
-        folders[of].path, recipe, seed=3, calibration=0, progress=lambda *call: calls.append(call)
+        folders[of].path, recipe, **settings, progress=lambda *call: calls.append(call)
     )
     test = recorded(of, "test", 0, 50)
     recording = Recording(test.u, test.y, of.Ts, test.theta)
@@ -50,29 +49,14 @@ def test_a_tuner_is_that_of_the_same_data_in_memory(of, learner, folders):
     np.testing.assert_allclose(
         found.gains(recording).values, expected.gains(recording).values, rtol=1e-5
     )
-    assert found.training == expected.training and found.plant is of
-    assert {what for what, _, _ in calls} == {"verifying", "training two-stage"}
-
-
-def test_a_tuner_is_calibrated(folders):
-    expected = tuners.train(NETWORK, rich, episodes=EPISODES, seed=3, calibration=60)
-    found = data.train(folders[rich].path, NETWORK, seed=3, calibration=60)
     np.testing.assert_allclose(found.calibration, expected.calibration, rtol=1e-4)
-
-
-def test_a_tuner_learns_what_suits_the_plant_by_default(folders, tmp_path):
-    tuner = data.train(folders[plant].path, calibration=60)
-    tuner.save(tmp_path / "first.tuner")
-    test = recorded(plant, "test", 0, 100)
-    again = tuners.load(tmp_path / "first.tuner")
-    gains = again.gains(Recording(test.u, test.y, plant.Ts, test.theta)).values
-    assert np.sqrt((plant.metric_values(test.theta, gains) ** 2).mean()) < 0.05
-    assert len(tuner.calibration) == 2
+    assert found.training == expected.training and found.plant is of
+    assert {"verifying", "training two-stage"} <= {what for what, _, _ in calls}
 
 
 def test_parts_are_the_usable_rows_of_the_split(folders):
     loaded, chosen = examples(cars, EPISODES, 3, STAGE), training_split(EPISODES, 0)
-    assert 0 < loaded.usable.sum() < EPISODES
+    assert 0 < loaded.usable.sum() < EPISODES and chosen.sum() == 0.8 * EPISODES
     rows = loaded.usable & chosen
     part = Part(folders[cars], chosen, cars.parametrisation)
     for _ in range(2):  # it can be iterated over again
@@ -82,24 +66,17 @@ def test_parts_are_the_usable_rows_of_the_split(folders):
     assert max(len(X) for X, _ in part) <= 50
 
 
-def test_a_split_is_four_fifths_and_repeats():
-    chosen = training_split(1000, 3)
-    assert chosen.sum() == 800
-    np.testing.assert_array_equal(chosen, training_split(1000, 3))
-    assert (chosen != training_split(1000, 4)).any()
-
-
-@pytest.mark.parametrize("learner", QUICK.values(), ids=QUICK)
-def test_how_the_data_are_cut_does_not_matter(learner):
+@pytest.mark.parametrize("recipe", [NETWORK, TREES], ids=["network", "trees"])
+def test_how_the_data_are_cut_does_not_matter(recipe):
     rng = np.random.default_rng(0)
-    X = rng.standard_normal((500, 3))
+    X = rng.standard_normal((300, 3))
     T = np.stack([np.sin(X[:, 0]) + X[:, 1], X[:, 1] * X[:, 2]], axis=1)
-    validation = [(X[400:], T[400:])]
-    whole = learner.fit([(X[:400], T[:400])], validation, 0)
-    for cuts in ([400], [1, 399], [37] * 10 + [30]):
+    validation = [(X[240:], T[240:])]
+    whole = recipe.learner.fit([(X[:240], T[:240])], validation, 0)
+    for cuts in ([240], [1, 239], [37] * 6 + [18]):
         ends = np.cumsum([0, *cuts])
         parts = [(X[i:j], T[i:j]) for i, j in zip(ends[:-1], ends[1:], strict=True)]
-        found = learner.fit(parts, validation, 0)
+        found = recipe.learner.fit(parts, validation, 0)
         np.testing.assert_allclose(found(X), whole(X), rtol=1e-6, atol=1e-6)
 
 
@@ -111,47 +88,71 @@ def test_the_documentations_example_runs(tmp_path, monkeypatch):
     assert tuners.load("big.tuner").training["used"] <= 60
 
 
-def test_other_features_are_refused(folders):
-    with pytest.raises(DatasetError, match="features of Laguerre.*Generate"):
-        data.train(folders[plant].path, Recipe(Laguerre(5, 2.0), QUICK["network"]))
-
-
-def test_another_plant_is_refused(folders):
-    with pytest.raises(DatasetError, match="the plant's noise has changed"):
-        data.train(folders[plant].path, NETWORK, described(noise=0.5))
-
-
-@pytest.mark.parametrize("name", ["test", "calibration"])
-def test_no_tuner_is_trained_on_the_sets_that_evaluate_it(name, tmp_path):
-    made(tmp_path / "data", 60, set=name)
-    with pytest.raises(DatasetError, match=f"the {name} set"):
-        data.train(tmp_path / "data", NETWORK)
-
-
-def test_damage_is_refused_before_training(tmp_path):
-    folder = made(tmp_path / "data", 60)
-    path = folder.path / folder.manifest.shards[0].file
-    path.write_bytes(path.read_bytes()[:-1] + b"!")
-    with pytest.raises(DatasetError, match="is damaged"):
-        data.train(folder.path, NETWORK)
-
-
-def test_too_few_usable_rows_are_refused(tmp_path):
-    made(tmp_path / "data", 19)
-    with pytest.raises(DatasetError, match="19 of 19 episodes are usable, at least 20"):
-        data.train(tmp_path / "data", NETWORK)
-
-
 @pytest.mark.parametrize(
     "arguments, name",
     [
         ({"recipe": "ts-ff"}, "recipe"),
+        ({"recipe": Recipe(Laguerre(5, 2.0), NETWORK.learner)}, "features of Laguerre.*Generate"),
         ({"seed": -1}, "seed"),
         ({"calibration": 3}, "calibration"),
         ({"plant": "nowhere:plant"}, "nowhere"),
+        ({"plant": described(noise=0.5)}, "the plant's noise has changed"),
     ],
 )
-def test_wrong_arguments_are_refused(arguments, name, folders, monkeypatch):
+def test_wrong_arguments_are_refused_before_reading(arguments, name, folders, monkeypatch):
     monkeypatch.setattr(shards, "read", None)
     with pytest.raises(ValueError, match=name):
         data.train(folders[plant].path, **arguments)
+
+
+def test_folders_that_no_tuner_learns_from_are_refused(tmp_path):
+    few = made(tmp_path / "few", 19)
+    with pytest.raises(DatasetError, match="19 of 19 episodes are usable, at least 20"):
+        data.train(few.path, NETWORK)
+    damage(few.path / few.manifest.shards[0].file)
+    with pytest.raises(DatasetError, match="is damaged"):
+        data.train(few.path, NETWORK)
+    for name in ("test", "calibration"):  # they evaluate it
+        made(tmp_path / name, 20, set=name)
+        with pytest.raises(DatasetError, match=f"the {name} set"):
+            data.train(tmp_path / name, NETWORK)
+
+
+# --- the table
+
+
+@pytest.mark.parametrize(
+    "parametrisation, names", [("gains", "kp Ti"), ("plant", "log_gain phase")]
+)
+def test_the_table_is_the_usable_part_of_the_data_set(parametrisation, names, folders):
+    loaded = examples(cars, EPISODES, 3, STAGE)
+    table = load_gains(folders[cars].path, parametrisation=parametrisation)
+    np.testing.assert_array_equal(table.data, loaded.features[loaded.usable])
+    targets = loaded.targets(cars.parametrisation) if names[0] == "l" else loaded.gains
+    np.testing.assert_array_equal(table.target, targets[loaded.usable])
+    assert table.feature_names == [f"laguerre_{i}" for i in range(1, 5)]
+    assert table.target_names == names.split() and table.frame is None
+    assert f"{loaded.usable.sum()} plants" in table.DESCR and "yaw_rate" in table.DESCR
+    assert table["data"] is table.data
+    with pytest.raises(AttributeError, match="colour"):
+        _ = table.colour
+
+
+def test_arrays_or_frames(folders):
+    path = folders[cars].path
+    X, y = load_gains(path, return_X_y=True)
+    table = load_gains(path, as_frame=True)
+    assert list(table.frame) == [*table.feature_names, *table.target_names]
+    assert list(table.data) == table.feature_names and list(table.target) == ["kp", "Ti"]
+    np.testing.assert_array_equal(table.frame.to_numpy(), np.hstack([X, y]))
+    X, y = load_gains(path, return_X_y=True, as_frame=True)
+    assert X.equals(table.data) and y.equals(table.target)
+    with pytest.raises(ValueError, match="parametrisation = 'polar'"):
+        load_gains(path, parametrisation="polar")
+
+
+def test_without_a_folder_it_is_simulated():
+    X, y = load_gains(return_X_y=True)
+    assert X.shape == (1500, 10) and y.shape == (1500, 2)
+    residual = y - np.c_[X, np.ones(1500)] @ np.linalg.lstsq(np.c_[X, np.ones(1500)], y)[0]
+    assert residual[:, 0].std() < 0.1 * y[:, 0].std()  # features tell of the gains

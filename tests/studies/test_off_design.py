@@ -10,12 +10,12 @@ from recordings import recorded
 from scipy.signal import welch
 
 import tuners
-from studies import conditions, draws, off_design, off_design_page, palette, pictures, plots
+from studies import conditions, draws, off_design_page, palette, pictures, plots
 from studies.bounds import bound_on
 from studies.conditions import SPEED, SWEEPS
 from studies.metrics import rms
-from studies.off_design import Accuracy, cell, measure, study
-from yawrate_env.vehicle.task import Experiment, Task
+from studies.off_design import Accuracy, cell, measure
+from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 TASK = Task()
@@ -49,9 +49,6 @@ def plain():
     return measure(TUNERS, TASK, SHORT["excitation register"], "same", FEW, 0)
 
 
-# --- what the conditions do
-
-
 @pytest.mark.parametrize("sweep", SWEEPS, ids=lambda s: s.name)
 def test_the_design_level_changes_nothing(sweep):
     truth, shown = made(sweep, sweep.design)
@@ -61,13 +58,6 @@ def test_the_design_level_changes_nothing(sweep):
     np.testing.assert_array_equal(shown.u, usual.u)
     np.testing.assert_array_equal(shown.known[:, 2], usual.known[:, 2])
     assert sweep.design in sweep.levels
-
-
-def test_a_level_that_changes_nothing_reproduces_the_plain_figures(plain):
-    for name in ("bias of steering", "yaw inertia", "true minus claimed speed"):
-        sweep = SHORT[name]
-        found = measure(TUNERS, TASK, sweep, sweep.design, FEW, 0)
-        assert found == [replace(c, condition=sweep.name, level=sweep.design) for c in plain]
 
 
 def test_coloured_noise_has_the_stated_power_and_spectrum():
@@ -84,20 +74,19 @@ def test_coloured_noise_has_the_stated_power_and_spectrum():
     assert first.var() == pytest.approx(1, abs=4 * np.sqrt(2 / 2000))  # stationary from the start
 
 
-def test_coloured_noise_is_as_strong_as_the_white(plain):
-    _, shown = made(SHORT["corner of coloured noise"], 2.0, count=100)
-    _, clean = made(SHORT["signal-to-noise ratio"], 200.0, count=100)
+@pytest.mark.parametrize(
+    ("name", "level", "power", "count", "rtol"),
+    [
+        ("signal-to-noise ratio", 10.0, 1e-1, 4, 4 * np.sqrt(2 / 40_000)),
+        ("signal-to-noise ratio", 50.0, 1e-5, 4, 4 * np.sqrt(2 / 40_000)),
+        ("corner of coloured noise", 2.0, 1e-3, 100, 0.1),
+    ],
+)
+def test_noise_is_as_strong_as_stated(name, level, power, count, rtol):
+    _, shown = made(SHORT[name], level, count)
+    _, clean = made(SHORT["signal-to-noise ratio"], 200.0, count)
     share = ((shown.y - clean.y) ** 2).mean(axis=1) / (clean.y**2).mean(axis=1)
-    assert share.mean() == pytest.approx(1e-3, rel=0.1)
-
-
-@pytest.mark.parametrize(("level", "power"), [(10.0, 1e-1), (20.0, 1e-2), (50.0, 1e-5)])
-def test_noise_is_as_strong_as_stated(level, power):
-    truth, shown = made(SHORT["signal-to-noise ratio"], level)
-    _, clean = made(SHORT["signal-to-noise ratio"], 200.0)
-    assert truth.experiment == Experiment(snr_db=level)
-    found = ((shown.y - clean.y) ** 2).mean(axis=1) / (clean.y**2).mean(axis=1)
-    np.testing.assert_allclose(found, power, rtol=4 * np.sqrt(2 / 10_000))
+    assert share.mean() == pytest.approx(power, rel=rtol)
 
 
 def test_a_shorter_episode_is_the_beginning_of_the_longer():
@@ -144,9 +133,6 @@ def test_a_wrong_speed_is_claimed_and_another_one_true():
     np.testing.assert_array_equal(shown.y, draws.recorded(plant, drawn).y)
 
 
-# --- what tuners do under them
-
-
 def test_gray_box_sits_on_the_bound_and_a_wrong_twin_does_not(plain):
     gb = plain[0]
     bound = rms(bound_on(PLANT, "test", 0, FEW))
@@ -156,28 +142,11 @@ def test_gray_box_sits_on_the_bound_and_a_wrong_twin_does_not(plain):
     (wrong,) = measure({"gb": TUNERS["gb"]}, TASK, SHORT["actuator bandwidth"], -20.0, FEW, 0)
     assert wrong.phase_margin.rms > 100 * gb.phase_margin.rms and wrong.phase_margin.bound is None
     assert wrong.trusted_misses == 0 < wrong.misses
-
-
-def test_a_refusal_is_a_cell_with_the_tuners_message():
-    (found,) = measure({"ts-ff": tuners.load("ts-ff")}, TASK, SHORT["episode length"], 1.0, 3, 0)
+    # A refusal is a cell with the tuner's message.
+    short = SHORT["episode length"]
+    (found,) = measure({"ts-ff": tuners.load("ts-ff")}, TASK, short, 1.0, 3, 0)
     assert "samples" in found.refused and found.phase_margin.rms is None
     assert (found.trusted, found.unstable, found.misses) == (0, 0, 0)
-
-
-def test_the_design_point_is_measured_once(monkeypatch):
-    asked = []
-
-    def measured(tuners_, task, sweep, level, episodes, seed):
-        asked.append((sweep.name, level))
-        return [cell((sweep.name, level, "gb", episodes), np.ones((2, 4)), TARGET, None)]
-
-    monkeypatch.setattr(off_design, "measure", measured)
-    calls = []
-    found = study(TUNERS, TASK, episodes=7, progress=lambda *call: calls.append(call))
-    assert len(found) == sum(len(sweep.levels) for sweep in SWEEPS)
-    assert sum(level == SHORT[named(n)].design for n, level in asked) == 1
-    assert len(set(asked)) == len(asked) == len(found) - len(SWEEPS) + 1
-    assert calls[4] == (SWEEPS[0].name, 5, 5)
 
 
 def test_a_cell_counts_what_missed_and_what_was_trusted():
@@ -195,23 +164,23 @@ def test_a_cell_counts_what_missed_and_what_was_trusted():
     assert Accuracy.of(np.array([np.nan])) == Accuracy(None, None, None, None)
 
 
-# --- tables and the picture
-
-
 @pytest.fixture
 def cells():
     """Every condition; errors that tell where they come from; one refusal."""
+    refusal = SWEEPS[1].name, 1.0, "ts-ff", 2
     made = []
     for s, sweep in enumerate(SWEEPS):
         for i, level in enumerate(sweep.levels):
+            known = sweep.bounded or level == sweep.design
+            bound = np.array([0.5, 0.1]) if known else None
+            answers = np.array([[61 + s + i / 10, 1.5, 1, i % 2]] * 2)
             for name in ("gb", "ts-ff"):
-                answers = np.array([[61 + s + i / 10, 1.5, 1, i % 2]] * 2)
-                known = sweep.bounded or level == sweep.design
-                bound = np.array([0.5, 0.1]) if known else None
-                made.append(cell((sweep.name, level, name, 2), answers, TARGET, bound))
-    none = cell((SWEEPS[1].name, 1.0, "ts-ff", 2), np.empty((0, 4)), TARGET, None, "Too short.")
-    return [none if (c.condition, c.level, c.tuner) == (none.condition, 1.0, "ts-ff") else c
-            for c in made]  # fmt: skip
+                which = sweep.name, level, name, 2
+                if which == refusal:
+                    made.append(cell(which, answers[:0], TARGET, None, "Too short."))
+                else:
+                    made.append(cell(which, answers, TARGET, bound))
+    return made
 
 
 def test_page_has_every_condition_and_the_design_point_once(cells, tmp_path):
@@ -228,7 +197,8 @@ def test_page_has_every_condition_and_the_design_point_once(cells, tmp_path):
     assert len(read["cells"]) == len(cells) and read["conditions"]["seed"] == 3
 
 
-def test_picture_has_a_panel_a_condition(cells, tmp_path):
+def test_picture_has_a_panel_a_condition(cells, tmp_path, monkeypatch):
+    monkeypatch.setattr(plots, "DPI", 20)
     figure = pictures.off_design(cells)
     panels = [axes for axes in figure.axes if axes.axison]
     assert [axes.get_xlabel() for axes in panels] == [sweep.name for sweep in SWEEPS]
@@ -236,12 +206,10 @@ def test_picture_has_a_panel_a_condition(cells, tmp_path):
         assert axes.get_yscale() == "log"
         assert len(axes.get_xticks()) == len(sweep.levels)
         assert len(axes.collections) == (len(sweep.levels) if sweep.bounded else 1)
-    (cross,) = (line for axes in panels for line in axes.get_lines() if line.get_marker() == "x")
-    assert to_hex(cross.get_color()) == palette.colour("ts-ff").lower()
-    for axes, sweep in zip(panels, SWEEPS, strict=True):
         dots = [line for line in axes.get_lines() if line.get_marker() == "o"]
         hollow = [line.get_markerfacecolor() == "white" for line in dots]
-        assert sum(hollow) == sum(
-            c.trusted == 0 for c in cells if c.condition == sweep.name and not c.refused
-        )
+        here = (c for c in cells if c.condition == sweep.name and not c.refused)
+        assert sum(hollow) == sum(c.trusted == 0 for c in here)
+    (cross,) = (line for axes in panels for line in axes.get_lines() if line.get_marker() == "x")
+    assert to_hex(cross.get_color()) == palette.colour("ts-ff").lower()
     plots.save(figure, tmp_path / "off.png")

@@ -1,3 +1,5 @@
+"""Random integers to vehicles, commands and noisy recordings."""
+
 import math
 
 import numpy as np
@@ -5,72 +7,77 @@ import pytest
 import scipy.stats
 from scipy.signal import max_len_seq
 
-from yawrate_env.batch import replaced, take
 from yawrate_env.loop.simulation import simulate
+from yawrate_env.plant.episodes import Draw, integers_of
 from yawrate_env.signals.noise import standard_normal
 from yawrate_env.signals.streams import stream
-from yawrate_env.vehicle.episode import WORDS, Draw, excitation, plants, record
+from yawrate_env.vehicle.episode import plants
 from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+
+INTEGERS = integers_of(yaw_rate(Task()))
+LOW, HIGH = np.zeros((1, INTEGERS), np.uint64), np.full((1, INTEGERS), 2**64 - 1, np.uint64)
 
 
-def draw(task, count, root=0):
-    return Draw.of(stream(root, 0, count, WORDS), task.prior)
+def drawn(task, count, root=0):
+    return Draw.of(yaw_rate(task), stream(root, 0, count, INTEGERS))
 
 
-def noise_free(task, drawn):
-    u = excitation(task.experiment, drawn.start)
-    return simulate(plants(task.vehicle, drawn.context, task.experiment.Ts), u)
+def recorded(task, draw, rows=slice(None), out=None):
+    u = draw.u if len(draw.u) == 1 else draw.u[rows]
+    return yaw_rate(task).measure(draw.theta[rows], u, draw.keys[rows], out=out)
+
+
+def noise_free(task, draw):
+    return simulate(plants(task.vehicle, context_of(draw.theta), task.experiment.Ts), draw.u)
 
 
 def test_an_episode_is_seeded_by_its_number():
-    words = stream(7, 3, 2, WORDS)
-    assert words.shape == (2, WORDS) and words.dtype == np.uint64
-    np.testing.assert_array_equal(stream(7, 0, 5, WORDS)[3:], words)
-    for row, episode in zip(words, (3, 4), strict=True):
+    integers = stream(7, 3, 2, INTEGERS)
+    assert integers.shape == (2, INTEGERS) and integers.dtype == np.uint64
+    np.testing.assert_array_equal(stream(7, 0, 5, INTEGERS)[3:], integers)
+    for row, episode in zip(integers, (3, 4), strict=True):
         seed = np.random.SeedSequence(7, spawn_key=(episode,))
-        np.testing.assert_array_equal(row, seed.generate_state(WORDS, np.uint64))
+        np.testing.assert_array_equal(row, seed.generate_state(INTEGERS, np.uint64))
 
 
-def test_context_is_uniform_over_the_prior_and_independent():
-    prior = Prior(mu_s=(0.3, 1.1), M_delta=(0.0, 300.0), v_x=(10.0, 33.0))
-    words = np.random.default_rng(0).integers(0, 2**64, (50_000, WORDS), dtype=np.uint64)
-    context = Draw.of(words, prior).context
-    units = []
-    for name in ("mu_s", "M_delta", "v_x"):
-        low, high = getattr(prior, name)
-        values = getattr(context, name)
-        assert low <= values.min() and values.max() <= high
-        units.append((values - low) / (high - low))
-        assert scipy.stats.kstest(units[-1], "uniform").pvalue > 0.01  # 1 seed in 100
+def test_vehicles_are_uniform_over_the_prior_and_independent():
+    plant = yaw_rate(Task(prior=Prior(v_x=(10.0, 33.0)), experiment=Experiment(N=200)))
+    integers = np.random.default_rng(0).integers(0, 2**64, (50_000, INTEGERS), dtype=np.uint64)
+    low, high = plant.ranges
+    theta = Draw.of(plant, integers).theta
+    units = ((theta - low) / (high - low)).T
+    for values in units:
+        assert values.min() >= 0 and values.max() <= 1
+        assert scipy.stats.kstest(values, "uniform").pvalue > 0.01  # 1 seed in 100
     z = np.corrcoef(units)[np.triu_indices(3, k=1)] * math.sqrt(50_000)
     assert np.abs(z).max() < 4  # 1 seed in 5000
 
 
-def test_the_ends_of_the_words_are_the_ends_of_the_range():
-    words = np.array([[0] * WORDS, [2**64 - 1] * WORDS], dtype=np.uint64)
-    context = Draw.of(words, Prior(mu_s=(0.3, 1.1), M_delta=5.0, v_x=(20.0, 20.0))).context
-    assert context.mu_s[0] == 0.3 and 1.1 - 1e-15 < context.mu_s[1] <= 1.1
-    assert context.M_delta.tolist() == [5, 5] and context.v_x.tolist() == [20, 20]
+def test_the_ends_of_the_integers_are_the_ends_of_the_range():
+    plant = yaw_rate(Task(prior=Prior(M_delta=5.0)))
+    mu_s, M_delta, v_x = Draw.of(plant, np.concatenate([LOW, HIGH])).theta.T
+    assert mu_s[0] == 0.3 and 1.1 - 1e-15 < mu_s[1] <= 1.1
+    assert M_delta.tolist() == [5, 5] and v_x.tolist() == [20, 20]
 
 
 @pytest.mark.parametrize("register", ["same", "random"])
 def test_a_recording_is_the_response_and_its_noise(register):
     task = Task(experiment=Experiment(register=register, N=3000))
-    drawn = draw(task, 20)
-    u, y = record(task, drawn)
-    assert u.shape == ((1 if register == "same" else 20), 3000)
-    clean = noise_free(task, drawn)
+    draw = drawn(task, 20)
+    assert draw.u.shape == ((1 if register == "same" else 20), 3000)
+    clean = noise_free(task, draw)
     sigma = np.sqrt((clean**2).mean(axis=1) / 1000)  # 30 dB, mean not removed
-    expected = clean + sigma[:, None] * standard_normal(drawn.key, 3000)
-    np.testing.assert_allclose(y, expected, rtol=0, atol=1e-15)
+    expected = clean + sigma[:, None] * standard_normal(draw.keys, 3000)
+    np.testing.assert_allclose(recorded(task, draw), expected, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("snr_db", [0.0, 30.0, 60.0])
 def test_signal_to_noise_ratio(snr_db):
     task = Task(experiment=Experiment(snr_db=snr_db))
-    drawn = draw(task, 100)
-    clean = noise_free(task, drawn)
-    noise = record(task, drawn)[1] - clean
+    draw = drawn(task, 100)
+    clean = noise_free(task, draw)
+    noise = recorded(task, draw) - clean
     ratio = 10 * np.log10((clean**2).mean(axis=1) / (noise**2).mean(axis=1))
     # A variance from N samples is off by sqrt(2/N), in decibels 4.34 times that: 0.061 dB.
     error = 10 / math.log(10) * math.sqrt(2 / 10_000)
@@ -78,14 +85,12 @@ def test_signal_to_noise_ratio(snr_db):
     assert abs(ratio.mean() - snr_db) < 4 * error / 10
 
 
-def test_random_registers_start_where_the_draw_says():
-    task = Task(experiment=Experiment(register="random", N=500))
-    drawn = draw(task, 10)
-    u, _ = record(task, drawn)
+def test_random_registers_start_where_the_integer_says():
+    plant = yaw_rate(Task(experiment=Experiment(register="random", N=500)))
+    starts = stream(0, 0, 10, 1)[:, 0]
     bits = max_len_seq(14)[0]
-    for row, start in zip(u, drawn.start, strict=True):
-        first = int(start) % len(bits)
-        expected = 2.0 * np.roll(bits, -first)[:5] - 1
+    for row, start in zip(plant.inputs(starts), starts, strict=True):
+        expected = 2.0 * np.roll(bits, -(int(start) % len(bits)))[:5] - 1
         np.testing.assert_array_equal(row[::100], np.radians(1.0) * expected)
 
 
@@ -93,26 +98,16 @@ def test_random_registers_start_where_the_draw_says():
 @pytest.mark.parametrize("count", [1, 17])
 def test_a_recording_does_not_depend_on_the_batch(N, count):
     task = Task(experiment=Experiment(N=N, register="random"))
-    drawn = draw(task, 57)
-    _, together = record(task, drawn)
+    draw = drawn(task, 57)
+    together = recorded(task, draw)
     for first in (0, 5, 17):
-        part = slice(first, first + count)
-        np.testing.assert_array_equal(record(task, take(drawn, part))[1], together[part])
+        rows = slice(first, first + count)
+        np.testing.assert_array_equal(recorded(task, draw, rows), together[rows])
 
 
 def test_recording_into_a_float32_view():
     task = Task(experiment=Experiment(N=300))
-    drawn, obs = draw(task, 5), np.zeros((5, 2, 300), dtype=np.float32)
-    _, y = record(task, drawn, out=obs[:, 1])
+    draw, obs = drawn(task, 5), np.zeros((5, 2, 300), dtype=np.float32)
+    y = recorded(task, draw, out=obs[:, 1])
     assert np.shares_memory(y, obs)
-    np.testing.assert_array_equal(y, record(task, drawn)[1].astype(np.float32))
-
-
-def test_replaced_episodes_and_no_others():
-    task = Task(experiment=Experiment(N=300, register="random"))
-    old, new = draw(task, 6), draw(task, 2, root=1)
-    before = record(task, old)[1]
-    mixed = record(task, replaced(old, np.array([1, 4]), new))[1]
-    np.testing.assert_array_equal(mixed[[1, 4]], record(task, new)[1])
-    np.testing.assert_array_equal(mixed[[0, 2, 3, 5]], before[[0, 2, 3, 5]])
-    np.testing.assert_array_equal(record(task, old)[1], before)  # the original is left alone
+    np.testing.assert_array_equal(y, recorded(task, draw).astype(np.float32))

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.episodes import integers_of, recorded, sample
+from yawrate_env.plant.episodes import Draw, integers_of, sample
 from yawrate_env.plant.pi_loop import PILoop
 from yawrate_env.signals.excitation import prbs
 from yawrate_env.signals.streams import stream
-from yawrate_env.vehicle.episode import Draw, loops, record
-from yawrate_env.vehicle.task import Experiment, Prior, Task
-from yawrate_env.vehicle.yaw_rate import context_of, theta_of, yaw_rate
+from yawrate_env.vehicle.episode import loops
+from yawrate_env.vehicle.task import Experiment, Task
+from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
 
 TARGET = Target(phase_margin=50.0, crossover=1.0, Ts=0.02)
 TASK = Task(experiment=Experiment(Ts=0.004, N=2500))
@@ -54,12 +54,6 @@ def test_models_that_do_not_fit_are_refused():
         through.design(np.ones((1, 1)))
 
 
-def draw(task, count):
-    """The first episodes of the test set, by the vehicle's own code."""
-    integers = stream((2, 5), 0, count, integers_of(yaw_rate(task)))
-    return Draw.of(integers, task.prior)
-
-
 def test_the_vehicles_design_and_evaluation_are_those_of_its_loops():
     plant = yaw_rate(TASK)
     theta = sample(plant, 6)
@@ -74,20 +68,10 @@ def test_the_vehicles_design_and_evaluation_are_those_of_its_loops():
     assert len(np.unique(plant.reward(theta, gains).round(6))) >= 4  # graded, unstable, undefined
 
 
-@pytest.mark.parametrize("register", ["same", "random"])
-def test_the_vehicles_episodes_are_those_of_its_simulator(register):
-    task = Task(prior=Prior(v_x=(10.0, 33.0)), experiment=Experiment(0.004, 500, register=register))
-    drawn = draw(task, 150)
-    u, y = record(task, drawn)
-    found = recorded(yaw_rate(task), "test", 5, 150)
-    np.testing.assert_array_equal(found.theta, theta_of(drawn.context))
-    np.testing.assert_array_equal(found.u, u)
-    np.testing.assert_array_equal(found.y, y)
-
-
 def test_simulation_and_noise_in_one_call_are_the_same():
-    plant, drawn = yaw_rate(TASK), draw(TASK, 12)
-    theta = theta_of(drawn.context)
-    slow = replace(plant, record=None)
-    y = plant.measure(theta, plant.u[None], drawn.key)
-    np.testing.assert_allclose(slow.measure(theta, plant.u[None], drawn.key), y, rtol=1e-12)
+    plant = yaw_rate(TASK)
+    draw = Draw.of(plant, stream(0, 0, 12, integers_of(plant)))
+    fast, slow = (
+        each.measure(draw.theta, draw.u, draw.keys) for each in (plant, replace(plant, record=None))
+    )
+    np.testing.assert_allclose(slow, fast, rtol=1e-12)

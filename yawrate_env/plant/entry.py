@@ -121,7 +121,7 @@ def _put_on_path(top: str, folder: Path | None) -> None:
     if top == __name__.partition(".")[0]:
         return
     places = [str(place.resolve()) for place in (folder, Path()) if place is not None]
-    sys.path[:0] = [place for place in places if place not in sys.path]
+    sys.path[:] = [*places, *(place for place in sys.path if place not in places)]
     invalidate_caches()
     spec, module = PathFinder.find_spec(top, places), sys.modules.get(top)
     here, there = getattr(spec, "origin", None), getattr(module, "__file__", None)

@@ -1,12 +1,4 @@
-"""Identification episodes of vehicles: random integers to contexts, contexts to recordings.
-
-Everything random about an episode comes from ``WORDS`` 64-bit words, drawn from the
-environment's generator or from ``SeedSequence(root, spawn_key=(episode,))``; an
-episode is therefore the same whatever batch it is computed in.
-"""
-
-from dataclasses import dataclass
-from typing import Self
+"""Vehicles' experiments: discrete plants, loops, steering commands and noisy yaw rates, batched."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,43 +7,9 @@ from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.loop.discretisation import DiscretePlant, zoh
 from yawrate_env.loop.loops import Loops
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
-from yawrate_env.signals.noise import KEY_WORDS, add_white_noise
-from yawrate_env.signals.streams import uniform
+from yawrate_env.signals.noise import add_white_noise
 from yawrate_env.vehicle.single_track import Context, Vehicle, state_space
-from yawrate_env.vehicle.task import Experiment, Prior, Task
-
-WORDS = 4 + KEY_WORDS
-"""mu_s, M_delta, v_x, start of the register, and the noise stream's key."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Draw:
-    """B random episodes, before they are simulated.
-
-    Attributes
-    ----------
-    context : Context
-        The vehicles.
-    start : NDArray
-        (B,) uint64, where the random register starts.
-    key : NDArray
-        (B, 4) uint64, the noise streams.
-    """
-
-    context: Context
-    start: NDArray[np.uint64]
-    key: NDArray[np.uint64]
-
-    @classmethod
-    def of(cls, words: NDArray[np.uint64], prior: Prior) -> Self:
-        """Turn (B, WORDS) random words into episodes of the prior."""
-        unit = uniform(words[:, :3])
-        low, high = np.array([prior.mu_s, prior.M_delta, prior.v_x]).T
-        context = Context(*(low + (high - low) * unit).T.copy())
-        return cls(context, words[:, 3], words[:, 4:])
-
-    def __len__(self) -> int:
-        return len(self.context)
+from yawrate_env.vehicle.task import Experiment, Task
 
 
 def plants(vehicle: Vehicle, context: Context, Ts: float) -> DiscretePlant:
@@ -70,27 +28,6 @@ def excitation(experiment: Experiment, start: NDArray[np.uint64]) -> NDArray[np.
     if experiment.register == "same":
         return prbs(*timing)
     return prbs(*timing, order=RANDOM_ORDER, start=start)
-
-
-def record(
-    task: Task, draw: Draw, out: NDArray[np.floating] | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
-    """Simulate the episodes of a draw.
-
-    Parameters
-    ----------
-    out : (B, N) float32 or float64, optional
-        Where the yaw rates go; may be a strided view.
-
-    Returns
-    -------
-    u : (1, N) or (B, N) float64
-        Steering command [rad].
-    y : (B, N)
-        Yaw rate with white noise at the experiment's SNR [rad/s]; `out` if given.
-    """
-    u = excitation(task.experiment, draw.start)
-    return u, respond(task, draw.context, u, draw.key, out)
 
 
 def respond(
