@@ -115,8 +115,7 @@ def identify(
     slopes: Sensitivity = plant.sensitivity or Differences(plant)
     u, count, q = np.atleast_2d(u), len(y), len(plant.unknown)
     theta = np.tile(plant.middle, (count, 1)) if start is None else start.copy()
-    ends = plant.limits if beyond else plant.ranges
-    low, high = (slopes.encode(np.broadcast_to(end, theta.shape).copy()) for end in ends)
+    low, high = (slopes.encode(end[None]) for end in (plant.limits if beyond else plant.ranges))
     z = slopes.encode(theta)
     cost, gram = np.full(count, np.inf), np.zeros((count, 1 + q, 1 + q))
     damping, step = np.full(count, 1e-6), np.zeros((count, q))
@@ -132,17 +131,16 @@ def identify(
         to = active[better]
         z[to], cost[to], gram[to] = trial[better], found[better, 0, 0], found[better]
         damping[active] *= np.where(better, 0.1, 100.0)
-        full, promised = _step(gram[active], damping[active], z[active], low[active], high[active])
-        shortened = slopes.shortened(full)
-        step[active] = _until_limit(z[active], shortened, low[active], high[active]) - z[active]
+        full, promised = _step(gram[active], damping[active], z[active], low, high)
+        step[active] = _until_limit(z[active], slopes.shortened(full), low, high) - z[active]
         done = promised <= _TOLERANCE * cost[active] + rounding[active]
         done &= gained <= _GAINED * cost[active] + rounding[active]
-        informed = (np.einsum("bii->bi", gram[active]) > 0)[:, 1:].all(axis=1)
-        converged[active[done]] = informed[done]
+        ended = active[done]
+        converged[ended] = (np.einsum("bii->bi", gram[ended])[:, 1:] > 0).all(axis=1)
         active = active[~done & (damping[active] < _DAMPING) & np.isfinite(cost[active])]
         if not len(active):
             break
-    converged &= ~_stopped(slopes, plant, z, low, high, theta)
+    converged &= ~_stopped(slopes, plant, z, low, high)
     return Identified(slopes.decode(z, theta), cost, converged, steps)
 
 
@@ -181,6 +179,9 @@ def moved(plant: Plant, theta: Array, step: Array, low: Array, high: Array) -> A
 
 def _until_limit(at: Array, change: Array, low: Array, high: Array) -> Array:
     """Values (B, q) after a change, as far as the first limit that it meets."""
+    end = at + change
+    if ((low <= end) & (end <= high)).all():
+        return end
     with np.errstate(divide="ignore", invalid="ignore"):
         room = np.where(change > 0, high - at, low - at) / change
     room = np.where(change == 0, 1.0, np.maximum(room, 0.0))
@@ -209,9 +210,10 @@ def _step(gram: Array, damping: Array, z: Array, low: Array, high: Array) -> tup
     slope, normal = gram[:, 0, 1:], gram[:, 1:, 1:]
     free = _inward(slope, z, low, high)
     step = _damped(normal, slope, damping, free)
-    for _ in range(z.shape[1] - 1):  # it may press against a limit where the slope does not
-        free &= _inward(step, z, low, high)
-        step = _damped(normal, slope, damping, free)
+    if _near(z, low, high).any():
+        for _ in range(z.shape[1] - 1):  # it may press against a limit where the slope does not
+            free &= _inward(step, z, low, high)
+            step = _damped(normal, slope, damping, free)
     return step, np.asarray((step * slope).sum(axis=1))
 
 
@@ -231,11 +233,15 @@ def _damped(normal: Array, slope: Array, damping: Array, free: NDArray[np.bool_]
     return np.asarray(np.linalg.solve(lifted, np.where(free, slope, 0.0)[..., None])[..., 0])
 
 
+def _near(z: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Which coordinates (B, q) are on a limit."""
+    return np.asarray((z - low <= _ROOM) | (high - z <= _ROOM))
+
+
 def _stopped(
-    slopes: Sensitivity, plant: Plant, z: Array, low: Array, high: Array, theta: Array
+    slopes: Sensitivity, plant: Plant, z: Array, low: Array, high: Array
 ) -> NDArray[np.bool_]:
     """Whether a search ended at a limit outside the prior, (B,)."""
-    first, last = (slopes.encode(np.broadcast_to(end, theta.shape).copy()) for end in plant.ranges)
-    below = (z - low <= _ROOM) & (z < first - _ROOM)
-    above = (high - z <= _ROOM) & (z > last + _ROOM)
-    return np.asarray((below | above).any(axis=1))
+    first, last = (slopes.encode(end[None]) for end in plant.ranges)
+    outside = (z < first - _ROOM) | (z > last + _ROOM)
+    return np.asarray((_near(z, low, high) & outside).any(axis=1))

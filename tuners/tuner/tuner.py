@@ -142,7 +142,9 @@ class Tuner:
         theta = recording.parameters(plant)
         used = recording.resampled(plant.Ts)
         model = black_box(plant, self.black_box, used.u, used.y, start, used.oversampled)
-        found = self._excited(used, self.gains(replace(used, y=model.y)))
+        found = self.gains(replace(used, y=model.y))
+        if model.unknown.any():  # rounding is left of a constant output without its offset
+            found = self._excited(used, found)
         solved = np.asarray(found.converged & (found.status == Status.OK))
         anywhere = self.method.any_measured
         return found, assess(plant, model, used.y, found.values, theta, solved, anywhere)
