@@ -285,6 +285,7 @@ def test_from_a_toml_file_to_trusted_gains(tmp_path, quick):
     assert found["gains"]["kp"] == pytest.approx(0.5 / (1.2 * 0.3), rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_data_set_is_made_verified_and_learned_from(tmp_path, quick):
     folder, vehicle = tmp_path / "set", ("--vehicle", short(tmp_path / "car.toml", 2600.0))
     made = ("dataset", "--out", folder, *vehicle, "--workers", 1, "--episodes")

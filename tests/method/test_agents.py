@@ -146,6 +146,7 @@ def test_rewards_are_what_is_learned_from(monkeypatch):
     assert differ(trained(), default("sac"))
 
 
+@pytest.mark.slow
 def test_an_agent_learns_what_earns_rewards_where_the_design_rule_earns_none():
     theta, _ = test_set(DEMANDING, 128)
     rule = DEMANDING.reward(theta, DEMANDING.oracle(theta))

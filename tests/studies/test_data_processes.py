@@ -88,6 +88,7 @@ killed_everywhere(small, large, 110)
 """
 
 
+@pytest.mark.slow
 def test_killed_at_every_step_of_starting_and_of_growing(tmp_path):
     program = [sys.executable, "-c", KILLED, tmp_path / "small", tmp_path / "large"]
     done = subprocess.run(
@@ -150,6 +151,7 @@ def address(scheduler):
     return json.loads(scheduler.read_text())["address"]
 
 
+@pytest.mark.slow
 def test_a_cluster_makes_the_same_bytes_even_when_a_worker_is_killed(scheduler, tmp_path):
     progress = []
 
@@ -166,6 +168,7 @@ def test_a_cluster_makes_the_same_bytes_even_when_a_worker_is_killed(scheduler, 
     assert contents(tmp_path / "cluster") == contents(tmp_path / "here")
 
 
+@pytest.mark.slow
 def test_processes_find_the_module_where_it_is(own_module):
     folder = own_module / "elsewhere" / "data"
     options = {"--episodes": 100, "--seed": 3, "--shard-size": SHARD, "--workers": 1}

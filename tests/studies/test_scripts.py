@@ -62,6 +62,7 @@ def test_evaluate_writes_rows_and_prints_the_table(called, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["rows.csv"]
 
 
+@pytest.mark.slow
 def test_train_writes_a_tuner_that_evaluate_takes(tmp_path, called):
     few = ("--episodes", 60, "--calibration", 60)
     status, out, _ = called("train", "ts-ff", *few, "--seed", 1, "--out", "my.tuner")
@@ -222,6 +223,7 @@ def test_accuracy_asks_about_trust(called, tmp_path):
     assert found["coverage"][0]["episodes"] == 50 and found["coverage"][0]["crossover"] > 0.7
 
 
+@pytest.mark.slow
 def test_off_design_measures_the_design_point_once_and_writes_everything(
     called, tmp_path, monkeypatch
 ):
