@@ -1,4 +1,4 @@
-"""THE tuner: tune a recording, act as a policy, be saved, whatever finds the gains."""
+"""The tuner: it tunes recordings, acts as a policy and is saved, whatever finds the gains."""
 
 import os
 from collections.abc import Mapping
