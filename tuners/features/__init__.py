@@ -5,7 +5,7 @@ Features depend on input, output and sampling time; plants and learners do not b
 """
 
 from dataclasses import asdict
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 
 class Features(Protocol):
     """A first stage: a frozen dataclass of its settings that maps recordings to features."""
+
+    any_experiment: ClassVar[bool]
+    """Whether features depend neither on the input nor on the sampling time."""
 
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, n) of inputs (1 or B, N) and outputs (B, N), and where they are usable."""

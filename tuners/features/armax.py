@@ -17,6 +17,7 @@ from a fast C finds pysib's minimum on every episode tried; Steiglitz and McBrid
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,6 +144,8 @@ class Armax:
     """
 
     Ts: float = 0.04
+
+    any_experiment: ClassVar[bool] = False
 
     def __call__(
         self, u: NDArray[np.float64], y: NDArray[np.float64], Ts: float

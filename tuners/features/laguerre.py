@@ -21,7 +21,7 @@ with s after the last sample; for eight functions that halves the pass.
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,8 @@ class Laguerre:
 
     order: int = 10
     pole: float = 12.0
+
+    any_experiment: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         order = validation.count("order", self.order, remedy="Use some functions.")

@@ -18,6 +18,7 @@ quieter recording is answered as well as usual, a longer one with up to twice th
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,8 @@ class Regularised:
     mean: tuple[float, ...]
     directions: tuple[tuple[float, ...], ...]
     variance: float
+
+    any_experiment: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         order = Laguerre(self.order, self.pole).order

@@ -7,6 +7,7 @@ map from coefficients.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,8 @@ class FrequencyResponse:
     low: float = 0.3
     high: float = 6.0
     points: int = 6
+
+    any_experiment: ClassVar[bool] = True
 
     @property
     def width(self) -> int:

@@ -14,7 +14,6 @@ from tuners.features import (
     settings_of,
     with_measured,
 )
-from tuners.features.response import FrequencyResponse
 from tuners.learners import LEARNERS, Learner, Settings
 from tuners.tuner.method import Gains
 from tuners.tuner.recording import Recording
@@ -93,8 +92,8 @@ class Stages:
 
     @property
     def any_experiment(self) -> bool:
-        """Frequency responses do not depend on the input and the sampling time."""
-        return type(self.features) is FrequencyResponse
+        """Whether its features depend neither on the input nor on the sampling time."""
+        return self.features.any_experiment
 
     def predict(
         self, u: Array, y: Array, Ts: float, measured: Array
