@@ -15,7 +15,7 @@ from tuners.tuner import tuner_file
 from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
 from tuners.tuner.recording import Recording
-from tuners.tuner.rivals import GrayBox, Nominal, Oracle
+from tuners.tuner.rivals import BlackBoxRule, GrayBox, Nominal, Oracle
 from tuners.tuner.stages import Recipe, Stages
 from tuners.tuner.training import CALIBRATION, calibrate, check_calibration, fit, recipe_for
 from tuners.tuner.tuner import Tuner
@@ -57,7 +57,12 @@ every speed."""
 SPEEDS = {"ts-ff-lag-vx": (10.0, 33.0)}
 """Speeds that a recipe is for, if not the paper's vehicle at one speed [m/s]."""
 
-UNTRAINED: dict[str, type[Method]] = {"gb": GrayBox, "oracle": Oracle, "nominal": Nominal}
+UNTRAINED: dict[str, type[Method]] = {
+    "gb": GrayBox,
+    "bb": BlackBoxRule,
+    "oracle": Oracle,
+    "nominal": Nominal,
+}
 """The tuners that need no training."""
 
 NAMES = (*RECIPES, *UNTRAINED, "rl")

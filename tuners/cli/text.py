@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from tuners.export.forms import Forms
 from tuners.logs import Log
-from tuners.trust.checks import Check
+from tuners.trust.verdict import Check
 from tuners.trust.intervals import Interval
 from tuners.tuner.result import Result
 from yawrate_env.plant.names import split, valued

@@ -94,12 +94,40 @@ class Laguerre:
         first = np.sqrt(1 - a * a) / (z - a)
         return np.asarray(first * section ** np.arange(self.order)[:, None])
 
+    def held_response(self, omega: Array, Ts: float, hold: float) -> NDArray[np.complex128]:
+        """Responses at `omega` [rad/s] of the functions sampled every `hold` [s], (order, F).
+
+        The input is held as long.  For whole multiples of `Ts` all frequencies that sampling
+        folds onto `omega` are summed; else the two holds' own responses make the difference.
+        """
+        times = round(hold / Ts)
+        if times < 1 or abs(times * Ts - hold) > 1e-6 * hold:
+            slow, fast = (-np.expm1(-1j * omega * T) / T for T in (hold, Ts))
+            return np.asarray(self.frequency_response(omega, Ts) * slow / fast)
+        folded = omega + 2 * np.pi / hold * np.arange(times)[:, None]
+        held = np.exp(-1j * folded[..., None] * Ts * np.arange(times)).mean(axis=-1)
+        responses = self.frequency_response(folded.ravel(), Ts).reshape(self.order, times, -1)
+        return np.asarray((responses * held).sum(axis=1))
+
+    def outputs(self, u: Array, weights: Array, Ts: float) -> Array:
+        """Outputs (B, m, N) of m models each, weights (B, m, order), for inputs (1 or B, N)."""
+        shared = self.regressors(u, Ts)[0] if len(u) == 1 else None
+        found = np.empty((*weights.shape[:2], u.shape[1]))
+
+        def some(i: int, j: int) -> None:
+            for k in range(i, j):
+                own = self.regressors(u[k : k + 1], Ts)[0] if shared is None else shared
+                found[k] = combined(weights[k], own)
+
+        over_blocks(some, len(weights), LANES)
+        return found
+
     def normal_equations(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
         """Both sides, (1 or B, order + E, order + E) and (B, order + E); as for `coefficients`."""
         if len(u) > 1:
             return self._own_inputs(u, y, Ts, extra)
         phi = np.concatenate([self.regressors(u, Ts)[0], extra])
-        return _products(phi, phi)[None], _right_sides(phi, y)
+        return products(phi, phi)[None], _right_sides(phi, y)
 
     def regressors(self, u: Array, Ts: float) -> Array:
         """Filtered inputs, (E, order, N)."""
@@ -131,7 +159,7 @@ class Laguerre:
             gram[:, i, i:n] = gram[:, i:n, i] = row
         gram[:, n:, :n] = cross[:, :, :n]
         gram[:, :n, n:] = cross[:, :, :n].transpose(0, 2, 1)
-        gram[:, n:, n:] = _products(extra, extra) if len(extra) else 0.0
+        gram[:, n:, n:] = products(extra, extra) if len(extra) else 0.0
         return gram, np.concatenate([right, cross[:, :, n]], axis=1)
 
     def _discrete_pole(self, Ts: float) -> float:
@@ -143,7 +171,7 @@ def _right_sides(phi: Array, y: Array) -> Array:
     values = np.empty((len(y), len(phi)))
 
     def some(i: int, j: int) -> None:
-        values[i:j] = _products(phi, y[i:j]).T
+        values[i:j] = products(phi, y[i:j]).T
 
     over_blocks(some, len(y), _EPISODES)
     return values
@@ -164,7 +192,7 @@ def lifted(gram: Array) -> Array:
     return np.asarray(gram + np.where(trace > 0, 1e-14 * trace, 1.0) * np.eye(gram.shape[-1]))
 
 
-def _products(a: Array, b: Array) -> Array:
+def products(a: Array, b: Array) -> Array:
     """``a @ b.T`` of long rows, in parts so small that BLAS does not share them out.
 
     Its threads wait for each other: on a busy machine that took 300 times as long as the
@@ -174,6 +202,15 @@ def _products(a: Array, b: Array) -> Array:
     out = np.zeros((len(a), len(b)))
     for k in range(0, a.shape[1], step):
         out += a[:, k : k + step] @ b[:, k : k + step].T
+    return out
+
+
+def combined(weights: Array, signals: Array) -> Array:
+    """``weights @ signals`` of long rows (n, N), in parts as small as those of `products`."""
+    step = max(_SERIAL // weights.size, 1)
+    out = np.empty((len(weights), signals.shape[1]))
+    for k in range(0, signals.shape[1], step):
+        np.matmul(weights, signals[:, k : k + step], out=out[:, k : k + step])
     return out
 
 

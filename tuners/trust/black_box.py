@@ -4,10 +4,11 @@ The output of a plant that does not start from rest contains its free response, 
 either channel add a constant to it.  For a linear plant both are linear in their unknowns, so
 one least-squares fit of the output on
 
-    the input through many Laguerre functions,   their free responses,   a constant
+    the input through many Laguerre functions,   a constant,   a trend,   their free responses
 
-separates them without knowing the plant, and they are subtracted for every tuner.  The last two
-cost information, so they are left out where an F test finds that the recording starts from rest.
+separates them without knowing the plant, and they are subtracted for every tuner.  All but the
+first cost information, so F tests decide how many of them a recording needs: none from rest, the
+constant at an operating point, the trend where a sensor drifts, all of them in motion.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features.laguerre import Laguerre, lifted
+from tuners.features.laguerre import Laguerre, combined, lifted, products
 from tuners.features.regularised import Regularised, regularised
 from yawrate_env import validation
 from yawrate_env.plant.episodes import sample
@@ -25,7 +26,7 @@ from yawrate_env.signals.streams import stream
 
 Array = NDArray[np.float64]
 
-STARTS = ("auto", "rest", "unknown")
+STARTS = ("auto", "rest", "offset", "unknown")
 ORDERS = (16, 24, 32)
 
 _PLANTS, _MORE_PLANTS, _MOST_PLANTS, _POLES = 16, 64, 512, 25
@@ -53,10 +54,11 @@ class BlackBox:
         Sampling time [s].
     oversampled : float
         Samples for each independent one.
-    unknown : NDArray
-        (B,) whether start and offsets were estimated.
+    extra : NDArray
+        (B,) how many of the signals of `free_responses` were estimated: 0 from rest, 1 at an
+        operating point, 2 with a trend, all in motion.
     free : NDArray
-        (B, N) what was subtracted: free response and offset.
+        (B, N) what was subtracted: offset, trend and free response.
     offset : NDArray
         (B,) constant part of the output.
     coefficients : NDArray
@@ -72,12 +74,28 @@ class BlackBox:
     y: Array
     Ts: float
     oversampled: float
-    unknown: NDArray[np.bool_]
+    extra: NDArray[np.int64]
     free: Array
     offset: Array
     coefficients: Array
     information: Array
     residual: Array
+
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """Whether start or offsets were estimated, (B,)."""
+        return self.extra > 0
+
+    def projected(self, signals: Array) -> Array:
+        """Signals (B, m, N) without what offset, trend and free response could explain."""
+        if not self.unknown.any():
+            return signals
+        Z, _ = free_responses(self.functions, signals.shape[2], self.Ts)
+        left = signals.copy()
+        for i in np.flatnonzero(self.unknown):
+            some = Z[: self.extra[i]]
+            left[i] -= combined(products(signals[i], some), some)
+        return left
 
 
 def functions_for(plant: Plant) -> Laguerre:
@@ -124,25 +142,26 @@ def suited_to_any_input(plant: Plant, order: int) -> Regularised:
     return regularised(functions, *equations, plant.sigma(y) ** 2)
 
 
-def free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, float]:
-    """Free responses and a constant, as orthonormal signals.
+def free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, Array]:
+    """A constant, a trend and free responses, as orthonormal signals.
 
     Returns
     -------
-    signals : (n + 1, N) float64
-        They span the decays of the basis' states; the last completes them by a constant.
-    constant : float
-        Constant whose coefficient on the last signal is one.
+    signals : (n + 2, N) float64
+        A constant; with it a straight line; with both the decays of the basis' states.
+    constant : (n + 2,) float64
+        The constant in a sum of the signals is this times their coefficients.
     """
     return (_kept if N <= _LARGEST_KEPT else _free_responses)(functions, N, Ts)
 
 
-def _free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, float]:
+def _free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, Array]:
     impulse = np.zeros((1, N + 1))
     impulse[0, 0] = 1.0
     decays = functions.regressors(impulse, Ts)[0, :, 1:]
-    Q, R = np.linalg.qr(np.concatenate([decays, np.ones((1, N))]).T)
-    return np.ascontiguousarray(Q.T), float(1 / R[-1, -1])
+    straight = [np.ones(N), np.linspace(-1.0, 1.0, N)]
+    Q, R = np.linalg.qr(np.concatenate([straight, decays]).T)
+    return np.ascontiguousarray(Q.T), np.linalg.inv(R)[0]
 
 
 _kept = lru_cache(maxsize=4)(_free_responses)
@@ -155,51 +174,85 @@ def black_box(
 
     Parameters
     ----------
-    start : {"auto", "rest", "unknown"}
-        Whether recordings start from rest without offsets; decided by the data if "auto".  For a
-        nonlinear plant the data cannot decide, and rest is assumed.
+    start : {"auto", "rest", "offset", "unknown"}
+        Whether recordings start from rest without offsets, at an operating point, whose output is
+        an unknown constant, or anyhow; decided by the data if "auto".  For a nonlinear plant the
+        data cannot decide: nothing is subtracted, but the reference model has the constant.
     """
     validation.one_of("start", start, STARTS)
-    start = "rest" if start == "auto" and not plant.linear else start
     n, N, Ts = functions.order, y.shape[1], plant.Ts
     if N < _SAMPLES * n:
         raise ValueError(
             f"{N} samples are too few, at least {_SAMPLES * n} are needed. Record for longer."
         )
-    Z, constant = (np.empty((0, N)), 0.0) if start == "rest" else free_responses(functions, N, Ts)
+    Z, constant = free_responses(functions, N, Ts)
+    levels = {"rest": (0,), "offset": (1,), "unknown": (len(Z),)}.get(start, (0, 1, 2, len(Z)))
+    if not plant.linear and start == "auto":
+        levels = (1,)
+    Z = Z[: levels[-1]]
     gram, right = functions.normal_equations(u, y, Ts, Z)
-    G, P, b, d = gram[:, :n, :n], gram[:, :n, n:], right[:, :n], right[:, n:]
     energy = np.einsum("bn,bn->b", y, y)
-
-    G = lifted(G)
-    rest = _solve(G, b)
-    residual_rest = energy - _inner(b, rest)
-    information = lifted(G - P @ P.transpose(0, 2, 1))
-    moving = _solve(information, b - (P @ d[..., None])[..., 0])
-    z = d - (P.transpose(0, 2, 1) @ moving[..., None])[..., 0]
-    residual_moving = energy - _inner(b, moving) - _inner(d, z)
-
-    unknown = np.full(len(y), start == "unknown")
-    if start == "auto":
-        independent = (N - len(gram[0])) / oversampled
+    equations = _Equations(gram, right, n)
+    best = _level(equations, energy, levels[0])
+    extra = np.full(len(y), levels[0])
+    for level in levels[1:]:
+        found = _level(equations, energy, level)
+        independent = (N - n - level) / oversampled
         with np.errstate(divide="ignore", invalid="ignore"):  # an output of zeros
-            statistic = (residual_rest / residual_moving - 1) * independent
-        unknown = statistic > len(Z) + _SIGNIFICANT * np.sqrt(2 * len(Z))
-        unknown &= residual_rest - residual_moving > _NEGLIGIBLE * energy
-    free = np.where(unknown[:, None], z @ Z, 0.0)
+            statistic = (best.residual / found.residual - 1) * independent
+        more = level - extra
+        needed = statistic > more + _SIGNIFICANT * np.sqrt(2 * more)
+        needed &= best.residual - found.residual > _NEGLIGIBLE * energy
+        extra = np.where(needed, level, extra)
+        best = best.where(needed, found)
+    removed = extra if plant.linear or start != "auto" else np.zeros_like(extra)
+    z = np.where(np.arange(len(Z)) < removed[:, None], best.extra, 0.0)
+    free = z @ Z
     return BlackBox(
-        functions,
-        u,
-        y - free,
-        Ts,
-        oversampled,
-        unknown,
-        free,
-        np.where(unknown, z[:, -1:].sum(axis=1) * constant, 0.0),
-        np.where(unknown[:, None], moving, rest),
-        np.where(unknown[:, None, None], information, G),
-        np.where(unknown, residual_moving, residual_rest),
-    )
+        functions, u, y - free, Ts, oversampled, removed, free, z @ constant[: len(Z)],
+        best.coefficients, best.information, best.residual,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Equations:
+    """Normal equations of B recordings on n functions, then on orthonormal signals."""
+
+    gram: Array
+    right: Array
+    n: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Level:
+    """Least-squares fits of B recordings with some of the signals."""
+
+    coefficients: Array
+    information: Array
+    extra: Array
+    residual: Array
+
+    def where(self, needed: NDArray[np.bool_], other: "_Level") -> "_Level":
+        """These, and `other` where it is needed (B,)."""
+        pairs = ((getattr(other, name), getattr(self, name)) for name in self.__slots__)
+        parts = (
+            np.where(needed.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs
+        )
+        return _Level(*parts)
+
+
+def _level(of: _Equations, energy: Array, level: int) -> _Level:
+    """Fits with the first `level` signals."""
+    n, end = of.n, of.n + level
+    G, P = of.gram[:, :n, :n], of.gram[:, :n, n:end]
+    b, d = of.right[:, :n], of.right[:, n:end]
+    information = lifted(G - P @ P.transpose(0, 2, 1))
+    coefficients = _solve(information, b - (P @ d[..., None])[..., 0])
+    z = d - (P.transpose(0, 2, 1) @ coefficients[..., None])[..., 0]
+    residual = energy - _inner(b, coefficients) - _inner(d, z)
+    extra = np.zeros((len(b), of.gram.shape[1] - n))
+    extra[:, :level] = z
+    return _Level(coefficients, np.broadcast_to(information, (len(b), n, n)), extra, residual)
 
 
 def _solve(matrix: Array, right: Array) -> Array:

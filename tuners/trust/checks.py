@@ -1,11 +1,11 @@
-"""Checks that decide whether gains are trusted.
+"""Checks that decide whether gains are usable, usable with care, or refused.
 
-The plant's simulator is fitted to the recording (`tuners.trust.fit`), and so is a reference model
-that does not use it (`tuners.trust.black_box`).  Gains are trusted where the two agree: the input
-explains nothing beyond the fitted simulator, both respond alike at the crossover, the fitted plant
-is in the prior, with it the gains reach the target, and the recording holds enough information.
-Nothing depends on which excitation was used or which method found the gains.  A nonlinear plant's
-simulator may explain more than the linear reference model; only the reverse is held against it.
+The plant's simulator is fitted to the recording (`tuners.trust.fit`), and so is a black box that
+does not use it (`tuners.trust.black_box`).  Where the black box has a response at the crossover
+(`tuners.trust.response`), gains are judged with it, in units of the metrics, and the simulator is
+the second opinion: where it contradicts by more than small errors of its data explain, gains are
+usable with care at most.  For any other plant the fitted simulator judges, and what contradicts it
+refuses.  Nothing depends on which excitation was used or which method found the gains.
 """
 
 from dataclasses import dataclass, replace
@@ -14,21 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.trust.black_box import BlackBox
-from tuners.trust.fit import Fit, fit, most_coloured
+from tuners.trust.fit import Fit, most_coloured
 from tuners.trust.identification import central
+from tuners.trust.intervals import GAUSSIAN
+from tuners.trust.response import Response
+from tuners.trust.verdict import Check, Finding, Verdict, worst
 from yawrate_env.plant.names import check_name, split
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _DOUBT = 3.0  # standard deviations that a finding must exceed to count
 _STEP = 1e-3  # of a range: metrics may come from a simulation's samples
 _WHITE = 2.0  # times white noise's power in a band: what white noise may happen to have
+_MISS = 2.0  # times a metric's `error`
+_SMALL = 0.8  # of a miss: where one of two answers is right, the other is no miss either
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Largest values that are still trusted; those of the metrics are in `Metric`.
+    """Largest values that pass; those of the metrics are in `Metric`.
 
     Attributes
     ----------
@@ -48,8 +54,10 @@ class Limits:
     outside : float
         Distance of the fitted plant from the prior in widths of its ranges, beyond what
         noise can do.
+    limited : float
+        Whether the target is out of the controller's reach, as 1 or 0.
     unsolved : float
-        Whether the design or the numerics failed, as 1 or 0.
+        Whether there are no gains or the numerics failed, as 1 or 0.
     """
 
     implausible: float = 1.0
@@ -58,13 +66,16 @@ class Limits:
     noise: float = 0.3
     colour: float = 20.0
     outside: float = 0.1
+    limited: float = 0.0
     unsolved: float = 0.0
 
 
+_NOISIEST = 0.6  # residual over output beyond which gains are refused
 _INFORMATION = (
     "The recording holds too little information: excite more strongly, more quickly, or for longer."
 )
-_MISSED = "With the fitted plant these gains miss what the design rule reaches."
+_MISSED = "As far as the recording tells, these gains miss what the design rule reaches."
+_CONTRAST = "The recording's own response asks for other gains than the fitted plant."
 
 MESSAGES = {
     "implausible": "The input or the output is larger than it can be: check the units.",
@@ -76,42 +87,35 @@ MESSAGES = {
     "colour": "Something other than the input moves the output around the crossover: a "
     "disturbance, a drift or a sensor fault.",
     "outside": "The fitted plant lies outside the prior that the tuner was made for.",
+    "limited": "The controller cannot reach the target with this plant: the gains come as near as "
+    "it can.",
     "unsolved": "A number is missing or a search did not converge.",
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One of the checks that decide on trust.
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """Gains of B recordings, and where they come from.
 
     Attributes
     ----------
-    name : str
-        Short, as a table shows it.
-    value, limit : float
-        The value, and the largest one that passes.
-    message : str
-        Meaning of a failure.
+    values : NDArray
+        (B, k) gains.
+    solved : NDArray
+        (B,) whether the numerics behind them succeeded.
+    limited : NDArray
+        (B,) whether they only come near the target.
+    fitted : NDArray
+        (B,) whether they rest on the fitted plant, and not on the recording alone.
+    contrast : NDArray
+        (B, f) metrics by which the gains of the fitted plant and of the black box differ.
     """
 
-    name: str
-    value: float
-    limit: float
-    message: str
-
-    @property
-    def passed(self) -> bool:
-        """Whether the value is within its limit; not-a-number never is."""
-        return bool(self.value <= self.limit)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Finding:
-    """Outcome of one check for B recordings: values (B,), their limit, and a message."""
-
     values: Array
-    limit: float
-    message: str
+    solved: Flags
+    limited: Flags
+    fitted: Flags
+    contrast: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,33 +125,43 @@ class Assessment:
     Attributes
     ----------
     model : BlackBox
-        The reference model.
+        The black box.
     fit : Fit
         The fitted plant.
+    response : Response, optional
+        The black box's, where it judges the gains.
     metrics, spread : NDArray
-        (B, f) metrics of the gains with the fitted plant, and their standard deviations.
+        (B, f) metrics of the gains as the recording tells, and their standard deviations.
+    exact_metrics, exact_spread : NDArray
+        (B, f) the same with the fitted plant, as if all but its parameters were exact.
     findings : dict
         By name of the check.
     """
 
     model: BlackBox
     fit: Fit
+    response: Response | None
     metrics: Array
     spread: Array
+    exact_metrics: Array
+    exact_spread: Array
     findings: dict[str, Finding]
 
     @property
-    def trusted(self) -> NDArray[np.bool_]:
-        """Where every finding is within its limit, (B,)."""
-        within = [finding.values <= finding.limit for finding in self.findings.values()]
-        return np.asarray(np.all(within, axis=0))
+    def verdicts(self) -> NDArray[np.int64]:
+        """(B,) 0 where gains are usable, 1 with care, 2 where they are refused."""
+        within = [np.where(f.values <= f.refusal, 1, 2) for f in self.findings.values()]
+        passed = [f.values <= f.limit for f in self.findings.values()]
+        return np.asarray(np.max(np.where(passed, 0, within), axis=0))
+
+    @property
+    def trusted(self) -> Flags:
+        """Where gains are usable, with care or without, (B,)."""
+        return np.asarray(self.verdicts < len(Verdict) - 1)
 
     def checks(self, index: int) -> tuple[Check, ...]:
         """The checks of one recording."""
-        return tuple(
-            Check(name, float(finding.values[index]), finding.limit, finding.message)
-            for name, finding in self.findings.items()
-        )
+        return tuple(f.check(name, index) for name, f in self.findings.items())
 
     def followed_by(self, findings: dict[str, Finding]) -> "Assessment":
         """The same with further checks."""
@@ -157,90 +171,148 @@ class Assessment:
 def assess(
     plant: Plant,
     model: BlackBox,
+    fitted: Fit,
+    response: Response | None,
     measured: Array,
-    gains: Array,
+    judged: Judged,
     start: Array,
-    solved: NDArray[np.bool_],
+    *,
     anywhere: bool = False,
+    alone: bool = False,
 ) -> Assessment:
     """Check gains against the recordings they come from.
 
     Parameters
     ----------
-    model : BlackBox
-        Fitted to the recordings.
+    model, fitted, response
+        Black box, fitted plant, and the black box's response if the plant's metrics are its.
     measured : (B, N) float64
         Outputs as recorded.
-    gains : (B, k) float64
+    judged : Judged
+        The gains.
     start : (B, p) float64
-        Where the search for the plant starts, with the measured parameters of the recordings.
-    solved : (B,) bool
-        Whether the numerics that found the gains succeeded.
+        Measured parameters of the recordings, in place of the others the middle of the prior.
     anywhere : bool
         Whether measured parameters may lie outside the prior, within the search limits.
+    alone : bool
+        Whether only the recording is asked, and not what the plant's simulator makes of it.
     """
+    gains = judged.values
     with np.errstate(all="ignore"):
-        found = fit(plant, model, measured, start)
-        sides = np.tile(gains, (2 * max(len(plant.unknown), 1), 1))
-        metrics = plant.metric_values(found.theta, gains)
-        error = np.abs(metrics - plant.targets(found.theta))
-        J = central(plant, found.theta, lambda t: plant.metric_values(t, sides[: len(t)]), _STEP)
-        spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, found.covariance, J))
-        solved = solved & found.converged & np.isfinite(gains).all(axis=1)
+        exact, exact_spread = predicted(plant, fitted, gains)
+        metrics, spread, aim = exact, exact_spread, plant.targets(fitted.theta)
+        if response is not None:
+            metrics, spread = response.metrics(gains), response.spread(gains)
+            aim = response.reached
+        off = np.abs(metrics - aim)
+        solved = judged.solved & np.isfinite(gains).all(axis=1)
+        second = np.inf if response is not None else None
+        checks = _Checks(plant, second)
+        error, widths = plant.metric_setting("error"), plant.metric_setting("spread")
+        widest = plant.metric_setting("widest") / GAUSSIAN
         findings = {
-            **_of_measured(plant, start, anywhere),
-            "implausible": _finding("implausible", _implausible(plant, model.u, measured)),
-            **_of_metrics(plant, "spread", spread, _INFORMATION),
-            **_of_recordings(plant, model, found),
-            **_of_metrics(plant, "error", error, _MISSED),
-            "unsolved": _finding("unsolved", np.where(solved, 0.0, 1.0)),
+            **checks.of_measured(start, anywhere),
+            "implausible": checks.of("implausible", _implausible(plant, model.u, measured)),
+            **checks.of_metrics("spread", spread, widths, np.maximum(widest, widths), _INFORMATION),
+            **checks.of_recordings(model, fitted, response),
         }
+        if response is not None:
+            most = _SMALL * _MISS * error
+            contrast = np.where(np.isnan(judged.contrast), np.inf, judged.contrast)
+            everything = np.full_like(most, np.inf)
+            findings |= checks.of_metrics("contrast", contrast, most, everything, _CONTRAST)
+            off = np.maximum(off - _DOUBT * spread, 0.0)
+        refused = _MISS * error if response is not None else error
+        findings |= checks.of_metrics("error", off, error, refused, _MISSED)
+        if response is not None:
+            findings["limited"] = checks.of("limited", np.where(judged.limited, 1.0, 0.0), refusal=1.0)
+        else:
+            solved = solved & ~judged.limited
+        findings["unsolved"] = checks.of("unsolved", np.where(solved, 0.0, 1.0))
+    if alone:
+        exact, exact_spread = np.full_like(exact, np.nan), np.full_like(exact, np.nan)
+        asked = {"implausible", "noise", "colour", "limited", "unsolved"}
+        asked |= {check_name(m, what) for m in plant.counted for what in ("spread", "error")}
+        findings = {name: finding for name, finding in findings.items() if name in asked}
     worded = {n: replace(f, message=plant.messages.get(n, f.message)) for n, f in findings.items()}
-    return Assessment(model, found, metrics, spread, worded)
+    return Assessment(
+        model, fitted, response, metrics, spread, exact, exact_spread, worded
+    )  # fmt: skip
 
 
-def _of_measured(plant: Plant, theta: Array, anywhere: bool) -> dict[str, Finding]:
-    """How far measured parameters lie outside the range that the tuner was made for."""
-    low, high = plant.limits if anywhere else plant.ranges
-    found = {}
-    for i, name in enumerate(plant.prior):
-        if name in plant.measured:
-            beyond = np.maximum(np.maximum(low[i] - theta[:, i], theta[:, i] - high[i]), 0.0)
-            label = split(plant.label(name))[0]
-            message = f"{label} is outside the range that the tuner was made for: " + (
-                f"{low[i]:g} to {high[i]:g}."
-            )
-            found[label] = Finding(beyond, plant.measured[name], message)
-    return found
+def predicted(plant: Plant, fitted: Fit, gains: Array) -> tuple[Array, Array]:
+    """Metrics (B, f) of gains (B, k) with fitted plants, and their standard deviations."""
+    sides = np.tile(gains, (2 * max(len(plant.unknown), 1), 1))
+    metrics = plant.metric_values(fitted.theta, gains)
+    J = central(plant, fitted.theta, lambda t: plant.metric_values(t, sides[: len(t)]), _STEP)
+    return metrics, np.sqrt(np.einsum("bij,bjk,bik->bi", J, fitted.covariance, J))
 
 
-def _of_metrics(plant: Plant, what: str, values: Array, message: str) -> dict[str, Finding]:
-    """A finding for each counted metric."""
-    names = (check_name(name, what) for name in plant.counted)
-    parts = zip(names, values.T, plant.metric_setting(what), strict=True)
-    return {name: Finding(v, float(limit), message) for name, v, limit in parts}
+@dataclass(frozen=True, slots=True)
+class _Checks:
+    """Findings for one plant.
 
+    Attributes
+    ----------
+    second : float, optional
+        Limit of refusal for checks of the fitted plant where it is the second opinion; where it
+        is the only one, what fails is refused.
+    """
 
-def _of_recordings(plant: Plant, model: BlackBox, found: Fit) -> dict[str, Finding]:
-    """Findings on the residuals of the fitted plant and its difference from the black box."""
-    residual, simulated = found.residual, found.simulated
-    values = {
-        "misfit": _misfit(plant, model, found),
-        "noise": np.sqrt((residual**2).mean(axis=1) / simulated.var(axis=1)),
-        "outside": _outside(plant, found),
-    }
-    findings = {name: _finding(name, value) for name, value in values.items()}
-    if plant.crossover is not None:
-        colour = found.noise / (residual**2).mean(axis=1) / model.oversampled
-        most = most_coloured(residual.shape[1], model.Ts, plant.crossover)
-        findings["colour"] = _finding("colour", colour, max(most / 2, _WHITE))
-        if plant.linear:
-            findings["response"] = _finding("response", _response(plant.crossover, model, found))
-    return {name: findings[name] for name in MESSAGES if name in findings}
+    plant: Plant
+    second: float | None
 
+    def of(
+        self, name: str, values: Array, at_most: float = np.inf, refusal: float | None = None
+    ) -> Finding:
+        """A finding of a check of `Limits`."""
+        limit = min(getattr(Limits(), name), at_most)
+        return Finding(values, limit, limit if refusal is None else refusal, MESSAGES[name])
 
-def _finding(name: str, values: Array, at_most: float = np.inf) -> Finding:
-    return Finding(values, min(getattr(Limits(), name), at_most), MESSAGES[name])
+    def of_measured(self, theta: Array, anywhere: bool) -> dict[str, Finding]:
+        """How far measured parameters lie outside the range that the tuner was made for."""
+        plant, found = self.plant, {}
+        low, high = plant.limits if anywhere else plant.ranges
+        for i, name in enumerate(plant.prior):
+            if name in plant.measured:
+                beyond = np.maximum(np.maximum(low[i] - theta[:, i], theta[:, i] - high[i]), 0.0)
+                label = split(plant.label(name))[0]
+                message = f"{label} is outside the range that the tuner was made for: " + (
+                    f"{low[i]:g} to {high[i]:g}."
+                )
+                limit = plant.measured[name]
+                refusal = limit if self.second is None else self.second
+                found[label] = Finding(beyond, limit, refusal, message)
+        return found
+
+    def of_metrics(
+        self, what: str, values: Array, limits: Array, refusals: Array, message: str
+    ) -> dict[str, Finding]:
+        """A finding for each counted metric."""
+        names = (check_name(name, what) for name in self.plant.counted)
+        parts = zip(names, values.T, limits, refusals, strict=True)
+        return {name: Finding(v, float(a), float(b), message) for name, v, a, b in parts}
+
+    def of_recordings(
+        self, model: BlackBox, found: Fit, response: Response | None
+    ) -> dict[str, Finding]:
+        """Findings on residuals, and on the fitted plant's difference from the black box."""
+        plant = self.plant
+        noise = (found.residual**2).mean(axis=1)
+        left = noise if response is None else response.noise
+        values = {
+            "misfit": (_misfit(plant, model, found), self.second),
+            "noise": (np.sqrt(left / found.simulated.var(axis=1)), _NOISIEST),
+            "outside": (_outside(plant, found), self.second),
+        }
+        findings = {n: self.of(n, value, refusal=at) for n, (value, at) in values.items()}
+        if plant.crossover is not None:
+            colour = found.noise / noise / model.oversampled
+            most = most_coloured(found.residual.shape[1], model.Ts, plant.crossover)
+            findings["colour"] = self.of("colour", colour, max(most / 2, _WHITE), np.inf)
+            if plant.linear and response is None:
+                findings["response"] = self.of("response", _response(plant.crossover, model, found))
+        return {name: findings[name] for name in MESSAGES if name in findings}
 
 
 def _implausible(plant: Plant, u: Array, y: Array) -> Array:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.trust.black_box import BlackBox, free_responses
+from tuners.trust.black_box import BlackBox
 from tuners.trust.identification import (
     LARGEST_STEP,
     Identified,
@@ -141,8 +141,5 @@ def _signals(plant: Plant, theta: Array, model: BlackBox) -> tuple[Array, Array]
     """Output errors (B, N) and slopes (B, q, N), free responses projected out where unknown."""
     error = model.y - plant.respond(theta, model.u)
     signals = np.concatenate([error[:, None], output_slopes(plant, theta, model.u)], axis=1)
-    unknown = model.unknown
-    if unknown.any():
-        Z, _ = free_responses(model.functions, signals.shape[2], model.Ts)
-        signals[unknown] -= signals[unknown] @ Z.T @ Z
+    signals = model.projected(signals)
     return signals[:, 0], signals[:, 1:]

@@ -1,6 +1,7 @@
 """The interface between a `Tuner` and the method that finds its gains."""
 
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
@@ -39,6 +40,14 @@ class Gains:
         status = np.where(found, status, int(Status.UNREACHABLE))
         return cls(np.where(found[:, None], values, np.nan), status, converged)
 
+    def replaced(self, rows: NDArray[np.bool_], other: "Gains") -> "Gains":
+        """Gains with those of some recordings (B,) taken from others."""
+        return Gains(
+            np.where(rows[:, None], other.values, self.values),
+            np.where(rows, other.status, self.status),
+            np.where(rows, other.converged, self.converged),
+        )
+
     def without(self, rows: NDArray[np.bool_]) -> "Gains":
         """Gains with those of some recordings (B,) removed."""
         return Gains(
@@ -46,6 +55,15 @@ class Gains:
             np.where(rows, int(Status.UNREACHABLE), self.status),
             self.converged & ~rows,
         )
+
+
+class Rung(IntEnum):
+    """Whose gains answer a recording (`tuners.tuner.ladder`)."""
+
+    METHOD = 0
+    FITTED_PLANT = 1
+    BLACK_BOX = 2
+    NONE = 3
 
 
 class Method(Protocol):
@@ -59,6 +77,9 @@ class Method(Protocol):
 
     any_measured: ClassVar[bool]
     """Whether measured parameters may have values outside the prior."""
+
+    rungs: ClassVar[tuple[Rung, ...]]
+    """Whose gains may answer in place of its own: all for what is learned, none for a rival."""
 
     @property
     def any_experiment(self) -> bool:

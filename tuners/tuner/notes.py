@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.trust.fit import Fit
 from tuners.tuner.recording import STEADY, Recording
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -16,8 +15,8 @@ ROUNDED = 1e-3
 _FEW = 10  # samples for each distinct value, or more
 
 
-def notes(plant: Plant, given: Recording, fit: Fit, any_experiment: bool) -> tuple[str, ...]:
-    """Notes on one recording and the fit to it.
+def notes(plant: Plant, given: Recording, residual: Array, any_experiment: bool) -> tuple[str, ...]:
+    """Notes on one recording, and the residual (N,) of the plant fitted to it.
 
     Parameters
     ----------
@@ -33,7 +32,7 @@ def notes(plant: Plant, given: Recording, fit: Fit, any_experiment: bool) -> tup
         label = " or ".join(split(plant.label(name))[0] for name in plant.measured)
         found.append(f"The {label} varies by {given.variation:.0%}; its mean counts.")
     output = split(plant.signals[1])
-    return (*found, *_quantised(given.y[0], fit.residual[0], *output))
+    return (*found, *_quantised(given.y[0], residual, *output))
 
 
 def _same_input(plant: Plant, given: Recording) -> bool:

@@ -163,14 +163,17 @@ class Recording:
             oversampled=max(self.oversampled, self.Ts / Ts),
         )
 
-    def parameters(self, plant: Plant) -> Array:
-        """Parameters (B, p) with the measured ones as known, and the others in mid-prior."""
+    def parameters(self, plant: Plant, *, needed: bool = True) -> Array:
+        """Parameters (B, p) with the measured ones as known, and the others in mid-prior.
+
+        ``ValueError`` where a measured one is missing, if it is needed.
+        """
         theta = np.tile(plant.middle, (len(self), 1))
         for name in plant.measured:
             (i,) = plant.indices((name,))
             values = np.full(len(self), np.nan) if self.known is None else self.known[:, i]
             low, high = plant.prior[name]
-            if low < high and np.isnan(values).any():
+            if needed and low < high and np.isnan(values).any():
                 raise ValueError(
                     f"{name} is needed: this tuner covers {low:g} to {high:g}. Give what was "
                     f"measured with the recording, as in {name}={high:g}."

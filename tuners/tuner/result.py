@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.trust.checks import Assessment, Check
+from tuners.trust.checks import Assessment
 from tuners.trust.intervals import Interval
+from tuners.trust.verdict import Check, Verdict
+from tuners.tuner.method import Rung
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -53,24 +55,24 @@ class FittedPlant:
     snr_db: float
 
     @classmethod
-    def of(cls, plant: Plant, found: Assessment) -> "FittedPlant":
-        """The first recording's."""
+    def of(cls, plant: Plant, found: Assessment, i: int = 0) -> "FittedPlant":
+        """One recording's."""
         fit, model, names = found.fit, found.model, tuple(plant.prior)
-        simulated, residual = fit.simulated[0], fit.residual[0]
+        simulated, residual = fit.simulated[i], fit.residual[i]
         with np.errstate(divide="ignore", invalid="ignore"):
             snr_db = float(10 * np.log10(simulated.var() / np.mean(residual**2)))
-            deviations = plant.width * np.sqrt(np.diag(fit.covariance[0]))
+            deviations = plant.width * np.sqrt(np.diag(fit.covariance[i]))
         unknown = (names[i] for i in plant.unknown)
         return cls(
-            parameters=dict(zip(names, map(float, fit.theta[0]), strict=True)),
+            parameters=dict(zip(names, map(float, fit.theta[i]), strict=True)),
             deviations=dict(zip(unknown, map(float, deviations), strict=True)),
-            u=model.u[0],
+            u=model.u[i % len(model.u)],
             measured=simulated + residual,
             simulated=simulated,
             Ts=model.Ts,
-            offset=float(model.offset[0]),
-            initial=float(np.sqrt(np.mean((model.free[0] - model.offset[0]) ** 2))),
-            from_rest=not model.unknown[0],
+            offset=float(model.offset[i]),
+            initial=float(np.sqrt(np.mean((model.free[i] - model.offset[i]) ** 2))),
+            from_rest=not model.unknown[i],
             snr_db=snr_db,
         )
 
@@ -92,19 +94,23 @@ class Result:
     gains : dict
         By name; ``nan`` where the tuner finds none.
     intervals : dict
-        By the metric's name: its prediction for these gains with the 90 % interval; ``nan``
-        where there is none.
+        By the metric's name: its prediction for these gains with the 90 % interval, as far as the
+        recording itself tells; ``nan`` where there is none.
+    exact_intervals : dict
+        The same, narrower, if the plant's data are exact.
     status : Status
         Whether the design target is reached.
     converged : bool
         Whether the tuner's own numerics succeeded.
-    trusted : bool
-        Whether every check passed.
+    verdict : Verdict
+        Whether the gains are usable, usable with care, or refused.
+    rung : Rung
+        Whose gains they are: the method's, the fitted plant's or the black box's.
     reasons, notes : tuple of str
-        Why it is not trusted; and what differs from the experiment that the tuner was made for.
+        Why the verdict is no better; and what differs from the experiment that the tuner was made for.
     fallback : dict
         Gains that are stable for every plant of the prior: what to use instead of gains that
-        are not trusted; ``nan`` where there are none.
+        are refused; ``nan`` where there are none.
     checks : tuple of Check
         All checks, in the order in which they are reported.
     fit : FittedPlant
@@ -115,15 +121,22 @@ class Result:
 
     gains: Mapping[str, float]
     intervals: Mapping[str, Interval]
+    exact_intervals: Mapping[str, Interval]
     status: Status
     converged: bool
-    trusted: bool
+    verdict: Verdict
+    rung: Rung
     reasons: tuple[str, ...]
     notes: tuple[str, ...]
     fallback: Mapping[str, float]
     checks: tuple[Check, ...] = field(repr=False)
     fit: FittedPlant = field(repr=False)
     plant: Plant = field(repr=False)
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the gains are usable, with care or without."""
+        return self.verdict is not Verdict.REFUSE
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # copying and pickling ask before there are any gains

@@ -1,13 +1,16 @@
-"""Reference tuners: the gray box, the oracle and the fixed nominal controller."""
+"""Reference tuners: gray box, black box, the oracle and the fixed nominal controller."""
 
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.trust.black_box import black_box, functions_for
 from tuners.trust.fit import search
-from tuners.tuner.method import Gains
+from tuners.trust.response import Response
+from tuners.tuner.method import Gains, Rung
 from tuners.tuner.recording import Recording
+from yawrate_env.loop.target import Target
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -18,6 +21,7 @@ class _Untrained:
 
     any_experiment = True
     any_measured: ClassVar[bool] = False
+    rungs: ClassVar[tuple[Rung, ...]] = (Rung.METHOD,)
 
     def settings(self) -> dict[str, Any]:
         """Nothing to save."""
@@ -45,6 +49,37 @@ class GrayBox(_Untrained):
         start = recording.parameters(plant)
         found = search(plant, recording.u, recording.y, start)
         return Gains.of(*plant.designs(found.theta), found.converged)
+
+
+class BlackBoxRule(_Untrained):
+    """Apply the design rule to the response that the recording shows (`tuners.trust.response`).
+
+    It needs no simulator, no data of the plant and no measured parameter: only that the plant is
+    linear, and a loop target.
+    """
+
+    kind: ClassVar[str] = "black-box"
+    needs_excitation: ClassVar[bool] = True
+    any_measured: ClassVar[bool] = True
+    rungs: ClassVar[tuple[Rung, ...]] = (Rung.BLACK_BOX,)
+
+    def gains(self, plant: Plant, recording: Recording) -> Gains:
+        """Design for the recordings' own responses."""
+        target = loop_target(plant)
+        u, y, functions = recording.u, recording.y, functions_for(plant)
+        model = black_box(plant, functions, u, y, "auto", recording.oversampled)
+        found = Response.of(model, target)
+        return Gains.of(found.gains, found.within_reach, np.ones(len(y), dtype=np.bool_))
+
+
+def loop_target(plant: Plant) -> Target:
+    """The plant's loop target, or ``ValueError`` where there is none."""
+    if plant.loop_target is None:
+        raise ValueError(
+            "The plant has no loop target whose phase margin and crossover count, or is not "
+            "linear. Give it parametrisation=loop(target) and linear=True, or use another tuner."
+        )
+    return plant.loop_target
 
 
 class Oracle(_Untrained):

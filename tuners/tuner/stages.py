@@ -15,7 +15,7 @@ from tuners.features import (
     with_measured,
 )
 from tuners.learners import LEARNERS, Learner, Settings
-from tuners.tuner.method import Gains
+from tuners.tuner.method import Gains, Rung
 from tuners.tuner.recording import Recording
 from yawrate_env import validation
 from yawrate_env.plant.parametrisation import GAINS, Parametrisation
@@ -89,6 +89,7 @@ class Stages:
     kind: ClassVar[str] = "two-stage"
     needs_excitation: ClassVar[bool] = True
     any_measured: ClassVar[bool] = False
+    rungs: ClassVar[tuple[Rung, ...]] = (Rung.METHOD, Rung.FITTED_PLANT, Rung.BLACK_BOX)
 
     @property
     def any_experiment(self) -> bool:

@@ -12,10 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from tuners.features.laguerre import Laguerre
 from tuners.trust import fallback
 from tuners.trust.black_box import black_box, functions_for
-from tuners.trust.checks import Assessment, Finding, assess
+from tuners.trust.checks import Assessment, assess
+from tuners.trust.fit import fit
 from tuners.trust.intervals import GAUSSIAN, Interval
+from tuners.trust.response import Response
+from tuners.trust.verdict import Finding, worst
 from tuners.tuner import notes, tuner_file
-from tuners.tuner.method import Gains, Method
+from tuners.tuner.ladder import Climb, climb
+from tuners.tuner.method import Gains, Method, Rung
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
 from yawrate_env import validation
@@ -109,28 +113,45 @@ class Tuner:
         if twice := sorted(measured.keys() & parameters.keys()):
             raise ValueError(f"{twice[0]} is given twice. Leave out one of the two.")
         given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters})
-        found, assessment = self.assess(given, start)
-        if given.Ts > self.plant.Ts * (1 + notes.ROUNDED):
-            missed = Finding(_between(given, assessment), _MISSED, _TOO_SLOW)
+        return self.results(given, start)[0]
+
+    def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
+        """Results for every episode, each as `tune` gives it."""
+        plant, climbed, assessment = self.plant, *self.climb(recording, start)
+        if recording.Ts > plant.Ts * (1 + notes.ROUNDED):
+            values = _between(recording, assessment)
+            missed = Finding(values, _MISSED, _MISSED, _TOO_SLOW)
             assessment = assessment.followed_by({"between": missed})
-        checks = assessment.checks(0)
+        given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
+        return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
+
+    def _result(self, given: Recording, climbed: Climb, found: Assessment, i: int) -> Result:
+        checks, gains = found.checks(i), climbed.gains
+        verdict = worst([check.verdict for check in checks])
         return Result(
-            gains=self._named(found.values[0]),
-            intervals=self._intervals(assessment),
-            status=Status(found.status[0]),
-            converged=bool(found.converged[0]),
-            trusted=all(check.passed for check in checks),
+            gains=self._named(gains.values[i]),
+            intervals=self._intervals(found.metrics[i], found.spread[i]),
+            exact_intervals=self._intervals(found.exact_metrics[i], found.exact_spread[i]),
+            status=Status(gains.status[i]),
+            converged=bool(gains.converged[i]),
+            verdict=verdict,
+            rung=Rung(climbed.rung[i]),
             reasons=tuple(dict.fromkeys(check.message for check in checks if not check.passed)),
-            notes=notes.notes(self.plant, given, assessment.fit, self.method.any_experiment),
+            notes=notes.notes(self.plant, given, found.fit.residual[i], self.method.any_experiment),
             fallback=self._named(self.fallback),
             checks=checks,
-            fit=FittedPlant.of(self.plant, assessment),
+            fit=FittedPlant.of(self.plant, found, i),
             plant=self.plant,
         )
 
     def assess(self, recording: Recording, start: str = "auto") -> tuple[Gains, Assessment]:
         """Gains for every episode as `tune` gives them, and their assessment."""
-        plant = self.plant
+        climbed, assessment = self.climb(recording, start)
+        return climbed.gains, assessment
+
+    def climb(self, recording: Recording, start: str = "auto") -> tuple[Climb, Assessment]:
+        """Gains for every episode as `tune` gives them, whose they are, and their assessment."""
+        plant, method = self.plant, self.method
         remedy = "Make one with Recording.of(plant, u, y, Ts)."
         validation.instance("recording", recording, Recording, remedy=remedy)
         remedy = "Slower samples do not show what the plant does: record faster."
@@ -139,15 +160,22 @@ class Tuner:
         remedy = "Cut to the best part, or decimate."
         validation.number("number of samples at the tuner's Ts", samples, at_most=_LONGEST,
                           remedy=remedy)  # fmt: skip
-        theta = recording.parameters(plant)
+        alone = method.rungs == (Rung.BLACK_BOX,)
+        theta = recording.parameters(plant, needed=not alone)
         used = recording.resampled(plant.Ts)
         model = black_box(plant, self.black_box, used.u, used.y, start, used.oversampled)
-        found = self.gains(replace(used, y=model.y))
-        if model.unknown.any():  # rounding is left of a constant output without its offset
-            found = self._excited(used, found)
-        solved = np.asarray(found.converged & (found.status == Status.OK))
-        anywhere = self.method.any_measured
-        return found, assess(plant, model, used.y, found.values, theta, solved, anywhere)
+        own = self.gains(replace(used, y=model.y))
+        still = self._still(used) if method.needs_excitation else np.zeros(len(used), np.bool_)
+        fitted = fit(plant, model, used.y, theta)
+        target = plant.loop_target
+        response = None if target is None else Response.of(model, target)
+        known = self._known(theta)
+        climbed = climb(plant, method.rungs, own, fitted, response, known).without(still)
+        assessment = assess(
+            plant, model, fitted, response, used.y, climbed.judged, theta,
+            anywhere=method.any_measured, alone=alone,
+        )  # fmt: skip
+        return climbed, assessment
 
     def predict(
         self,
@@ -222,12 +250,20 @@ class Tuner:
         longest = np.diff(turns).max(initial=1) * self.plant.Ts
         return np.abs(u).max(), np.ptp(self.plant.respond(self.plant.middle)), longest
 
+    def _known(self, theta: Array) -> NDArray[np.bool_]:
+        """Which recordings (B,) have measured parameters that the tuner was made for."""
+        plant, within = self.plant, np.ones(len(theta), dtype=np.bool_)
+        low, high = plant.limits if self.method.any_measured else plant.ranges
+        for name, slack in plant.measured.items():
+            (i,) = plant.indices((name,))
+            within &= (theta[:, i] >= low[i] - slack) & (theta[:, i] <= high[i] + slack)
+        return np.asarray(within)
+
     def _named(self, gains: Array) -> dict[str, float]:
         return dict(zip(self.plant.gains, map(float, gains), strict=True))
 
-    def _intervals(self, found: Assessment) -> dict[str, Interval]:
-        half = np.array(self.calibration) * found.spread[0]
-        ends = zip(self.plant.counted, found.metrics[0], half, strict=True)
+    def _intervals(self, metrics: Array, spread: Array) -> dict[str, Interval]:
+        ends = zip(self.plant.counted, metrics, np.array(self.calibration) * spread, strict=True)
         return {
             name: Interval(float(value), float(value - h), float(value + h))
             for name, value, h in ends
@@ -236,10 +272,10 @@ class Tuner:
 
 def _between(given: Recording, found: Assessment) -> Array:
     """Relative error of a spline through the fitted plant's output at a slow log's samples."""
-    simulated, Ts = found.fit.simulated[0], found.model.Ts
-    times = Ts * np.arange(len(simulated))
-    seen = np.interp(given.Ts * np.arange(given.y.shape[1]), times, simulated)
-    drawn = replace(given, y=seen[None]).resampled(Ts).y[0]
+    simulated, Ts = found.fit.simulated, found.model.Ts
+    times, at = Ts * np.arange(simulated.shape[1]), given.Ts * np.arange(given.y.shape[1])
+    seen = np.stack([np.interp(at, times, row) for row in simulated])
+    drawn = replace(given, y=seen).resampled(Ts).y
     with np.errstate(divide="ignore", invalid="ignore"):
-        missed = np.mean((drawn - simulated[: len(drawn)]) ** 2) / simulated.var()
-    return np.array([np.sqrt(missed)])
+        missed = np.mean((drawn - simulated[:, : drawn.shape[1]]) ** 2, axis=1)
+        return np.asarray(np.sqrt(missed / simulated.var(axis=1)))

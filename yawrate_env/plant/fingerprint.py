@@ -62,7 +62,7 @@ def _settings(plant: Plant) -> dict[str, Any]:
         "Ts": plant.Ts,
         "measured": [[name, slack] for name, slack in plant.measured.items()],
         "metrics": [
-            [name, *(_finite(getattr(metric, of)) for of in ("scale", "error", "spread"))]
+            [name, *(_finite(getattr(metric, of)) for of in ("scale", "error", "spread", "widest"))]
             for name, metric in plant.settings.items()
         ],
         "target": None if plant.target is None else list(plant.target),

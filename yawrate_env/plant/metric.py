@@ -7,7 +7,7 @@ import numpy as np
 
 from yawrate_env import validation
 
-_ERROR, _SPREAD = 0.2, 0.1  # of the scale: trusted by default
+_SHARES = {"error": 0.2, "spread": 0.1, "widest": 0.5}  # of the scale, by default
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,15 +19,19 @@ class Metric:
     scale : float
         The error that counts as one in the reward; ``inf`` for a metric that is only reported.
     error : float
-        Largest predicted distance from the target that is still trusted; a fifth of the scale
-        if omitted.
+        Largest predicted distance from the target that needs no care, a fifth of the scale if
+        omitted; twice as much is a miss.
     spread : float
-        Largest standard deviation of the prediction that is trusted; a tenth if omitted.
+        Largest standard deviation of the prediction that needs no care: a larger one hides a
+        miss.  A tenth of the scale if omitted.
+    widest : float
+        Half width of the 90 % interval beyond which gains are refused; half the scale if omitted.
     """
 
     scale: float
     error: float = np.nan
     spread: float = np.nan
+    widest: float = np.nan
 
     def __post_init__(self) -> None:
         remedy = "Give the error that counts."
@@ -35,7 +39,7 @@ class Metric:
             scale = self.scale
         else:
             scale = validation.number("scale", self.scale, above=0.0, remedy=remedy)
-        for name, share in (("error", _ERROR), ("spread", _SPREAD)):
+        for name, share in _SHARES.items():
             value = getattr(self, name)
             if isinstance(value, Real) and np.isnan(float(value)):
                 object.__setattr__(self, name, share * scale)

@@ -8,8 +8,12 @@ INFO = ("clipped", "stable")
 ORACLE = "oracle_"
 """Begins the info's entries for the design rule's gains."""
 
+MARGINS = ("phase_margin", "crossover")
+"""Metrics of a loop that a recording's own frequency response gives."""
+
 CHECKS = (
-    "implausible", "misfit", "response", "noise", "colour", "outside", "unsolved", "between",
+    "implausible", "misfit", "response", "noise", "colour", "outside", "limited", "unsolved",
+    "between",
 )  # fmt: skip
 """Checks that every plant's recordings undergo."""
 

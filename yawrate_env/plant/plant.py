@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from yawrate_env import validation
 from yawrate_env.compiled import LANES, over_blocks
+from yawrate_env.loop.target import Target
 from yawrate_env.plant.calls import call, rows
 from yawrate_env.plant.checks import check_experiment, checked
 from yawrate_env.plant.metric import Metric
+from yawrate_env.plant.names import MARGINS, split
 from yawrate_env.plant.parameters import Parameters, Range
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
@@ -322,6 +324,12 @@ class Plant(Parameters):
     def errors(self, theta: Array, gains: Array) -> Array:
         """Distances of the counted metrics from their targets, (B, f), in their own units."""
         return np.asarray(self.metric_values(theta, gains) - self.targets(theta))
+
+    @property
+    def loop_target(self) -> Target | None:
+        """Target of the PI loop whose phase margin and crossover count, of a linear plant."""
+        counted = tuple(split(name)[0] for name in self.counted)
+        return self.parametrisation.target if self.linear and counted == MARGINS else None
 
     def reward(self, theta: Array, gains: Array) -> Array:
         """Reward (B,) between -5 and 0 (`yawrate_env.plant.reward`)."""

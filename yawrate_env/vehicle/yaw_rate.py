@@ -37,12 +37,12 @@ Integers = NDArray[np.uint64]
 SPEED_SLACK = 0.25
 """How far outside the prior a recording's speed may lie [m/s]."""
 
-BLACK_BOX = (20, 12.0)
+BLACK_BOX = (24, 16.0)
 """Explains vehicles from 10 to 33 m/s to -45 dB or better, at 20 m/s to -80 dB."""
 
 METRICS = {
-    "phase_margin [deg]": Metric(PHASE_SCALE, error=1.5, spread=0.5),
-    "crossover [Hz]": Metric(CROSSOVER_SCALE, error=0.075, spread=0.025),
+    "phase_margin [deg]": Metric(PHASE_SCALE, error=1.5, spread=0.9, widest=5.0),
+    "crossover [Hz]": Metric(CROSSOVER_SCALE, error=0.075, spread=0.045, widest=0.25),
     "gain_margin [dB]": Metric(np.inf),
 }
 

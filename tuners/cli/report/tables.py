@@ -15,7 +15,7 @@ from tuners.cli.text import (
     unit_of,
 )
 from tuners.logs import Log
-from tuners.trust.checks import Check
+from tuners.trust.verdict import Check
 from tuners.tuner.result import Result
 from yawrate_env.plant.names import check_name, split
 from yawrate_env.plant.plant import Plant

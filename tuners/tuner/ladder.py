@@ -1,0 +1,140 @@
+"""The ladder: whose gains answer a recording, from the learner's down to the black box's.
+
+=============  ===========================================================================
+rung           answers where
+=============  ===========================================================================
+method's own   the fitted plant confirms its gains
+fitted plant   the recording's own response does not contradict the fitted plant
+black box      the recording alone has gains
+none           nothing has
+=============  ===========================================================================
+
+Agreement means metrics that differ by no more than noise can do, in the metrics' units.  A plant
+whose metrics are not those of a loop at a target, or that is not linear, has no black box: there
+the ladder ends with the fitted plant.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.trust.checks import Judged, predicted
+from tuners.trust.fit import Fit
+from tuners.trust.response import Response
+from tuners.tuner.method import Gains, Rung
+from yawrate_env.loop.design import Status
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_CONFIRMED = 2.0  # standard deviations of the fitted plant's metrics
+_NEGLIGIBLE = 0.02  # of a metric's `error`: differences that are none
+_CONTRADICTED = 16.0  # squared distance over its covariance, by chance once in 3000 recordings
+_FINE = 0.04  # of a metric's `error`: what the functions' truncation may cost
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Climb:
+    """The answer of the ladder for B recordings.
+
+    Attributes
+    ----------
+    gains : Gains
+        Of the rungs that answer.
+    rung : NDArray
+        (B,) of `Rung`.
+    contrast : NDArray
+        (B, f) metrics by which the gains of fitted plant and black box differ, with the black
+        box; ``nan`` where there is none.
+    contradiction : NDArray
+        (B,) the same as a squared distance in standard deviations.
+    """
+
+    gains: Gains
+    rung: NDArray[np.int64]
+    contrast: Array
+    contradiction: Array
+
+    @property
+    def judged(self) -> Judged:
+        """What is to be assessed."""
+        limited = self.gains.status == Status.PHASE_LIMITED
+        fitted = self.rung < Rung.BLACK_BOX
+        return Judged(self.gains.values, self.gains.converged, limited, fitted, self.contrast)
+
+    def without(self, rows: Flags) -> "Climb":
+        """The same with the gains of some recordings (B,) removed."""
+        if not rows.any():
+            return self
+        return replace(
+            self, gains=self.gains.without(rows), rung=np.where(rows, Rung.NONE, self.rung)
+        )
+
+
+def contrast(plant: Plant, refined: Array, response: Response | None) -> tuple[Array, Array]:
+    """Metrics (B, f) by which gains (B, k) differ from the black box's, and their distance (B,)."""
+    if response is None:
+        return np.full((len(refined), len(plant.counted)), np.nan), np.zeros(len(refined))
+    with np.errstate(invalid="ignore"):
+        difference = response.metrics(refined) - response.reached
+        covariance = response.metric_covariance(response.gains)
+        fine = np.diag((_FINE * plant.metric_setting("error")) ** 2)
+        covariance = np.where(np.isfinite(covariance), covariance, 0.0) + fine
+        weighted = np.linalg.solve(covariance, difference[..., None])[..., 0]
+        distance = (difference * weighted).sum(axis=1)
+    return np.abs(difference), np.where(np.isnan(distance), np.inf, distance)
+
+
+def climb(
+    plant: Plant,
+    rungs: tuple[Rung, ...],
+    own: Gains,
+    fitted: Fit,
+    response: Response | None,
+    known: Flags,
+) -> Climb:
+    """Choose the rungs that answer recordings.
+
+    Parameters
+    ----------
+    rungs : tuple of Rung
+        Those that may answer.
+    own : Gains
+        The method's.
+    fitted : Fit
+        Plants fitted to the recordings.
+    response : Response, optional
+        What the recordings say themselves.
+    known : (B,) bool
+        Whether the measured parameters are in the range that the tuner was made for.
+    """
+    refined, reached = plant.designs(fitted.theta)
+    if rungs == (Rung.METHOD,):
+        return Climb(own, np.full(len(known), Rung.METHOD), *contrast(plant, refined, response))
+    difference, distance = contrast(plant, refined, response)
+    rung = np.full(len(known), Rung.NONE)
+    if Rung.FITTED_PLANT in rungs:
+        supported = fitted.converged & np.isfinite(refined).all(axis=1) & known
+        supported &= (distance <= _CONTRADICTED) | (response is None)
+        confirmed = _confirmed(plant, fitted, own, refined)
+        rung = np.where(supported, np.where(confirmed, Rung.METHOD, Rung.FITTED_PLANT), rung)
+    chosen = Gains.of(refined, reached, fitted.converged).replaced(rung == Rung.METHOD, own)
+    if response is None:
+        return Climb(chosen, np.where(rung == Rung.NONE, Rung.FITTED_PLANT, rung), difference,
+                     distance)  # fmt: skip
+    alone = Gains.of(response.gains, response.within_reach, np.ones(len(rung), dtype=np.bool_))
+    chosen = chosen.replaced(rung == Rung.NONE, alone)
+    found = np.isfinite(chosen.values).all(axis=1)
+    rung = np.where((rung == Rung.NONE) & found, Rung.BLACK_BOX, rung)
+    return Climb(chosen, rung, difference, distance)
+
+
+def _confirmed(plant: Plant, fitted: Fit, own: Gains, refined: Array) -> Flags:
+    """Where fitted plants confirm gains: as good as the design rule's, as far as noise tells."""
+    with np.errstate(all="ignore"):
+        metrics, spread = predicted(plant, fitted, own.values)
+        off = np.abs(metrics - plant.metric_values(fitted.theta, refined))
+        allowed = _CONFIRMED * spread + _NEGLIGIBLE * plant.metric_setting("error")
+        return np.asarray((off <= allowed).all(axis=1) & own.converged)
