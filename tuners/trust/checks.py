@@ -54,6 +54,11 @@ class Limits:
     outside : float
         Distance of the fitted plant from the prior in widths of its ranges, beyond what
         noise can do.
+    bend : float
+        Share by which the response grows or shrinks with the amplitude, beyond what noise can do.
+    halves : float
+        Metrics by which the recording's halves differ from the whole, beyond what noise can do,
+        over their `error`.
     limited : float
         Whether the target is out of the controller's reach, as 1 or 0.
     unsolved : float
@@ -66,11 +71,15 @@ class Limits:
     noise: float = 0.3
     colour: float = 20.0
     outside: float = 0.1
+    bend: float = 0.03
+    halves: float = 1.0
     limited: float = 0.0
     unsolved: float = 0.0
 
 
 _NOISIEST = 0.6  # residual over output beyond which gains are refused
+_BENT = 0.1  # share of the slope beyond which gains are refused: a tenth of the crossover
+_CHANGED = 4.0  # standard deviations of a difference between halves, or of a bend, that count
 _INFORMATION = (
     "The recording holds too little information: excite more strongly, more quickly, or for longer."
 )
@@ -87,6 +96,10 @@ MESSAGES = {
     "colour": "Something other than the input moves the output around the crossover: a "
     "disturbance, a drift or a sensor fault.",
     "outside": "The fitted plant lies outside the prior that the tuner was made for.",
+    "bend": "The output does not grow in proportion to the input: the plant or the sensor saturates "
+    "or bends. Excite with the amplitude that the loop will have.",
+    "halves": "The response changes during the recording: the operating point moves, or something "
+    "breaks. Record while all stays as it is.",
     "limited": "The controller cannot reach the target with this plant: the gains come as near as "
     "it can.",
     "unsolved": "A number is missing or a search did not converge.",
@@ -222,6 +235,7 @@ def assess(
             everything = np.full_like(most, np.inf)
             findings |= checks.of_metrics("contrast", contrast, most, everything, _CONTRAST)
             off = np.maximum(off - _DOUBT * spread, 0.0)
+            findings |= checks.of_response(response, gains)
         refused = _MISS * error if response is not None else error
         findings |= checks.of_metrics("error", off, error, refused, _MISSED)
         if response is not None:
@@ -231,7 +245,7 @@ def assess(
         findings["unsolved"] = checks.of("unsolved", np.where(solved, 0.0, 1.0))
     if alone:
         exact, exact_spread = np.full_like(exact, np.nan), np.full_like(exact, np.nan)
-        asked = {"implausible", "noise", "colour", "limited", "unsolved"}
+        asked = {"implausible", "noise", "colour", "bend", "halves", "limited", "unsolved"}
         asked |= {check_name(m, what) for m in plant.counted for what in ("spread", "error")}
         findings = {name: finding for name, finding in findings.items() if name in asked}
     worded = {n: replace(f, message=plant.messages.get(n, f.message)) for n, f in findings.items()}
@@ -292,6 +306,17 @@ class _Checks:
         names = (check_name(name, what) for name in self.plant.counted)
         parts = zip(names, values.T, limits, refusals, strict=True)
         return {name: Finding(v, float(a), float(b), message) for name, v, a, b in parts}
+
+    def of_response(self, response: Response, gains: Array) -> dict[str, Finding]:
+        """Findings on what the black box leaves over: it is not linear, or it changes."""
+        moved, distance = response.moved(gains)
+        changed = (moved / self.plant.metric_setting("error")).max(axis=1)
+        sure = np.abs(response.bend) - _CHANGED * response.doubt
+        values = {
+            "bend": (np.where(sure > 0, np.abs(response.bend), 0.0), _BENT),
+            "halves": (np.where(distance > _CHANGED, changed, 0.0), _MISS),
+        }
+        return {name: self.of(name, value, refusal=at) for name, (value, at) in values.items()}
 
     def of_recordings(
         self, model: BlackBox, found: Fit, response: Response | None

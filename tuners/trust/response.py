@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from tuners.features.laguerre import Laguerre
-from tuners.trust.black_box import BlackBox
+from tuners.features.laguerre import Laguerre, lifted
+from tuners.trust.black_box import BlackBox, free_responses
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import Status, design_from_response
 from yawrate_env.loop.margins import delta_operator
@@ -33,7 +33,12 @@ _SCALES = np.geomspace(1e-3, 1e3, 13)
 _LOWEST, _HIGHEST, _POINTS = 1 / 30, 3.5, 256  # of the crossover, and frequencies between
 _NYQUIST = 0.95  # of half the controller's rate: the highest frequency that is looked at
 _BANDS = 2.0 ** np.arange(-4, 4)  # edges, of the crossover: where the noise's power may differ
-_COLOURED = 2.0  # standard deviations of a band's power that count as colour
+_COLOURED = 3.0  # standard deviations of a band's power that count as colour
+_WEIGHINGS = 3
+_NEAR = 0.25, 2.0  # of the crossover: frequencies that decide the response there
+_FEW = 14.0  # degrees of freedom left there
+_ROUNDING = 1e-6  # of the cube's energy
+_STRONG = 3.0  # times all frequencies' noise: colour that matters there
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,20 +60,23 @@ class Regularised:
     hidden: Array
 
 
-def regularised(model: BlackBox) -> Regularised:
-    """Estimate the coefficients of black boxes again, with the most likely prior."""
-    (B, n), G = model.coefficients.shape, model.information
-    right = (G @ model.coefficients[..., None])[..., 0]
-    independent = model.u.shape[1] / model.oversampled - n
-    variance = np.maximum(model.residual / model.u.shape[1], 1e-300)
-    variance = variance * model.oversampled * (1 + n / max(independent, 1.0))
-    energy = model.residual + (right * model.coefficients).sum(axis=1)
-    trace = np.einsum("bii->b", G)
+def regularised(gram: Array, right: Array, energy: Array, variance: Array) -> Regularised:
+    """Coefficients of B least-squares problems with the most likely prior.
+
+    Parameters
+    ----------
+    gram, right, energy : (B, n, n), (B, n), (B,) float64
+        Inner products of the functions, of functions and output, and of the output.
+    variance : (B,) float64
+        Of the noise.
+    """
+    B, n = right.shape
+    trace = np.einsum("bii->b", gram)
     size = energy / np.where(trace > 0, trace, 1.0) * n
     least, found = np.full(B, np.inf), [np.zeros((B, n)), np.zeros((B, n, n)), np.zeros((B, n, n))]
     for decay in _DECAYS:
         root = np.sqrt(size)[:, None] * decay ** (np.arange(n) / 2)
-        values, vectors = np.linalg.eigh(root[:, :, None] * G * root[:, None, :])
+        values, vectors = np.linalg.eigh(root[:, :, None] * gram * root[:, None, :])
         values = np.maximum(values, 0.0)
         turned = ((root * right)[:, None] @ vectors)[:, 0]
         scaled = _SCALES[:, None, None] * values + variance[:, None]
@@ -77,8 +85,6 @@ def regularised(model: BlackBox) -> Regularised:
         best = cost.argmin(axis=0)
         cost, scale = cost[best, np.arange(B)], _SCALES[best][:, None]
         better = cost < least
-        if not better.any():
-            continue
         least = np.where(better, cost, least)
         shrunk = scale / (scale * values + variance[:, None])
         V = root[:, :, None] * vectors
@@ -90,6 +96,16 @@ def regularised(model: BlackBox) -> Regularised:
         for total, part in zip(found, parts, strict=True):
             total[better] = part[better]
     return Regularised(*found)
+
+
+def _from_white(model: BlackBox) -> Regularised:
+    """Coefficients of black boxes, whose residual is taken for white noise."""
+    n, N = model.functions.order, model.u.shape[1]
+    right = (model.information @ model.coefficients[..., None])[..., 0]
+    energy = model.residual + (right * model.coefficients).sum(axis=1)
+    independent = max(N / model.oversampled - n, 1.0)
+    variance = np.maximum(model.residual, 1e-300) / N * model.oversampled * (1 + n / independent)
+    return regularised(model.information, right, energy, variance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +126,13 @@ class Response:
         (B, 2, 2) of `required`.
     noise : NDArray
         (B,) mean square of the black box's residual.
+    halves : NDArray
+        (B, 2) by how much the second half of the recording asks for another `required`.
+    bend : NDArray
+        (B,) by which share the response grows, or shrinks if negative, from no amplitude to the
+        recording's: what a cube of the output explains of the residual.
+    doubt : NDArray
+        (B,) standard deviation of `bend`.
     """
 
     target: Target
@@ -118,23 +141,33 @@ class Response:
     required: Array
     covariance: Array
     noise: Array
+    halves: Array
+    bend: Array
+    doubt: Array
 
     @classmethod
     def of(cls, model: BlackBox, target: Target) -> "Response":
         """Response of black boxes at the target's crossover, regularised."""
-        found, omega = regularised(model), _frequencies(target)
+        found, omega = _from_white(model), _frequencies(target)
         seen = _functions_seen(model.functions, model.Ts, target)
-        at, values = seen[:, -1], found.coefficients @ seen[:, :-1]
-        here = found.coefficients @ at
+        at, values = seen[:, -1], seen[:, :-1]
+        J = _slopes(found.coefficients, at)
+        weights = np.concatenate([model.coefficients[:, None], J @ found.estimator], axis=1)
+        signals = model.functions.outputs(model.u, weights, model.Ts)
+        output, error = signals[:, 0], model.y - signals[:, 0]
+        covariance, spectra, coloured = _sandwich(model, error, signals[:, 1:], target.crossover)
+        covariance += J @ found.hidden @ J.swapaxes(1, 2)
+        halves, bent = _halves(model, error, J @ found.estimator), _bend(model, output, error)
+        for i in np.flatnonzero(coloured):
+            found.coefficients[i], covariance[i] = _weighted(model, i, spectra[i], at, target)
+        values, here = found.coefficients @ values, found.coefficients @ at
         with np.errstate(divide="ignore", invalid="ignore"):
-            slopes = -at / here[:, None]
-            J = np.stack([slopes.real, slopes.imag], axis=1)
             phase = _phase_at(omega, values, here, target.omega_c)
             log_magnitude = -np.log(np.abs(here))
         needed = np.radians(target.phase_margin) - np.pi - phase
-        noise, covariance = _sandwich(model, found, J, target.crossover)
-        return cls(target, omega, values, np.stack([log_magnitude, needed], axis=1), covariance,
-                   noise)  # fmt: skip
+        required = np.stack([log_magnitude, needed], axis=1)
+        noise = (error**2).mean(axis=1)
+        return cls(target, omega, values, required, covariance, noise, halves, *bent)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -167,14 +200,33 @@ class Response:
         """Phase margin [deg] and crossover [Hz] (B, 2) that gains (B, 2) reach; else ``nan``."""
         return self._crossing(gains)[0]
 
+    def moved(self, gains: Array) -> tuple[Array, Array]:
+        """Metrics (B, 2) by which gains differ between halves, and in standard deviations (B,).
+
+        Half of it is how far either is from the whole.
+        """
+        J = self._metric_slopes(gains)
+        with np.errstate(invalid="ignore"):
+            difference = (J @ self.halves[..., None])[..., 0]
+            covariance = 4 * J @ self.covariance @ J.swapaxes(1, 2)
+            regular = np.isfinite(covariance).all(axis=(1, 2))[:, None, None]
+            covariance = np.where(regular, covariance, np.eye(2))
+            weighted = np.linalg.solve(covariance, difference[..., None])[..., 0]
+            return np.abs(difference) / 2, np.sqrt((difference * weighted).sum(axis=1))
+
     def metric_covariance(self, gains: Array) -> Array:
         """Covariance (B, 2, 2) of the `metrics` of gains (B, 2); ``nan`` where there are none."""
+        J = self._metric_slopes(gains)
+        return np.asarray(J @ self.covariance @ J.swapaxes(1, 2))
+
+    def _metric_slopes(self, gains: Array) -> Array:
+        """Derivatives (B, 2, 2) of the `metrics` of gains (B, 2) to `required`."""
         metrics, (magnitude, phase) = self._crossing(gains)
+        J = np.zeros((len(self), 2, 2))
         with np.errstate(divide="ignore", invalid="ignore"):
-            J = np.zeros((len(self), 2, 2))
             J[:, 0, 0], J[:, 0, 1] = np.degrees(phase / magnitude), -np.degrees(1.0)
             J[:, 1, 0] = metrics[:, 1] / magnitude
-            return np.asarray(J @ self.covariance @ J.swapaxes(1, 2))
+        return J
 
     def _crossing(self, gains: Array) -> tuple[Array, tuple[Array, Array]]:
         """Metrics, and the slopes of log magnitude and phase over log frequency, (B,) each."""
@@ -197,26 +249,121 @@ class Response:
         return metrics, ((after - before) / width, turn / width)
 
 
+def _slopes(coefficients: Array, at: Complex) -> Array:
+    """Derivatives (B, 2, n) of the required log magnitude and phase to the coefficients (B, n)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = -at / (coefficients @ at)[:, None]
+    return np.stack([slopes.real, slopes.imag], axis=1)
+
+
 def _sandwich(
-    model: BlackBox, found: Regularised, J: Array, crossover: float
-) -> tuple[Array, Array]:
-    """Noise (B,), and covariance (B, 2, 2) of what depends by J (B, 2, n) on the coefficients."""
-    N = model.u.shape[1]
-    weights = np.concatenate([model.coefficients[:, None], J @ found.estimator], axis=1)
-    signals = model.functions.outputs(model.u, weights, model.Ts)
-    error, filtered = model.y - signals[:, 0], model.projected(signals[:, 1:])
-    length = next_fast_len(N, real=True)
-    transformed = np.fft.rfft(np.concatenate([error[:, None], filtered], axis=1), length)
+    model: BlackBox, error: Array, filtered: Array, crossover: float
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Covariance (B, 2, 2) of products of noise and signals (B, 2, N), noise spectra, any colour."""
+    N = error.shape[1]
+    length, signals = next_fast_len(N, real=True), model.projected(filtered)
+    transformed = np.fft.rfft(np.concatenate([error[:, None], signals], axis=1), length)
     E, X = transformed[:, 0], transformed[:, 1:]
-    spectrum = _spectrum(model, (E * E.conj()).real / N, length, crossover)
-    twice = np.full(X.shape[2], 2.0)
-    twice[0] = twice[-1] = 1.0
-    noisy = ((X * (spectrum * twice)[:, None]) @ X.conj().swapaxes(1, 2)).real / length
-    return (error**2).mean(axis=1), noisy + J @ found.hidden @ J.swapaxes(1, 2)
+    spectra, coloured = _spectrum(model, (E * E.conj()).real / N, length, crossover)
+    X = X * np.sqrt(_sides(X.shape[2]) / length)
+    return ((X * spectra[:, None]) @ X.conj().swapaxes(1, 2)).real, spectra, coloured
 
 
-def _spectrum(model: BlackBox, power: Array, length: int, crossover: float) -> Array:
-    """Spectrum of the noise (B, F) from the residual's power: white but for bands that are not.
+def _halves(model: BlackBox, error: Array, filters: Array) -> Array:
+    """Difference (B, 2) of what both halves of a recording ask for.
+
+    The residual that the whole leaves over is fitted in the first half; in the second it is the
+    opposite, and either holds about half of the information.
+    """
+    half = error.shape[1] // 2
+    first = np.empty((0, half))
+    _, right = model.functions.normal_equations(
+        model.u[:, :half], np.ascontiguousarray(error[:, :half]), model.Ts, first
+    )
+    return np.asarray(-4 * (filters @ right[..., None])[..., 0])
+
+
+def _bend(model: BlackBox, output: Array, error: Array) -> tuple[Array, Array]:
+    """What a cube of the output explains of residuals, as growth of the slope, and its doubt."""
+    cube = model.projected((output**3)[:, None])[:, 0]
+    _, right = model.functions.normal_equations(
+        model.u, cube, model.Ts, np.empty((0, cube.shape[1]))
+    )
+    explained = (right * np.linalg.solve(model.information, right[..., None])[..., 0]).sum(axis=1)
+    left = (cube**2).sum(axis=1) - explained
+    slope = 3 * (output**2).mean(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = slope * (cube * error).sum(axis=1) / left
+        doubt = slope * np.sqrt((error**2).mean(axis=1) * model.oversampled / left)
+    flat = left <= _ROUNDING * (cube**2).sum(axis=1)  # two levels of the output: nothing tells
+    return np.where(flat, 0.0, share), np.where(flat, 0.0, doubt)
+
+
+def _weighted(
+    model: BlackBox, i: int, spectrum: Array, at: Complex, target: Target
+) -> tuple[Array, Array]:
+    """Coefficients (n,) of one recording by weighted least squares, and the covariance (2, 2).
+
+    Each frequency counts inversely to the noise there, whose spectrum is estimated again.  Where
+    the fit leaves few degrees of freedom around the crossover, noise can hardly be told from
+    response, and the covariance is widened.
+    """
+    functions, N = model.functions, model.u.shape[1]
+    Z, _ = free_responses(functions, N, model.Ts)
+    phi = functions.regressors(model.u[i % len(model.u)][None], model.Ts)[0]
+    signals = np.concatenate([phi, Z[: model.extra[i]], model.y[i][None]])
+    length, n = next_fast_len(N, real=True), len(phi)
+    sides = _sides(length // 2 + 1)
+    X = np.fft.rfft(signals, length) * np.sqrt(sides / length)
+    for _ in range(_WEIGHINGS):
+        gram = ((X / spectrum) @ X.conj().T).real
+        inverse = np.linalg.pinv(gram[n:-1, n:-1], hermitian=True)
+        turned = gram[n:-1] @ np.eye(len(gram))[:, [*range(n), -1]]
+        Y = X[[*range(n), -1]] - (inverse @ turned).T @ X[n:-1]
+        reduced = lifted(((Y / spectrum) @ Y.conj().T).real)
+        found = regularised(reduced[None, :-1, :-1], reduced[None, :-1, -1], reduced[-1:, -1],
+                            np.ones(1))  # fmt: skip
+        c = found.coefficients[0]
+        error = Y[-1] - c @ Y[:-1]
+        taken = _leverage(found.estimator[0], Y[:-1]) + _leverage(inverse, X[n:-1])
+        power = (error * error.conj()).real * length / N / sides
+        left = np.maximum(1 - taken / spectrum / sides, 0.0)
+        spectrum = _banded(model, power, left, length, target.crossover)
+    near = np.arange(len(left)) / (length * model.Ts * target.crossover)
+    here = (near > _NEAR[0]) & (near < _NEAR[1])
+    freedom = max(2 * left[here].sum(), 1.0)
+    stronger = spectrum[here].mean() > _STRONG * power.mean()
+    doubt = (1 + (_FEW / freedom) ** 2) ** 2 if stronger else 1.0
+    J = _slopes(c[None], at)
+    middle = found.estimator @ reduced[None, :-1, :-1] @ found.estimator + found.hidden
+    return c, doubt * (J @ middle @ J.swapaxes(1, 2))[0]
+
+
+def _leverage(inverse: Array, X: Complex) -> Array:
+    """What a fit takes from each frequency (F,), by its inverse normal matrix."""
+    return np.asarray((X.conj() * (inverse @ X)).real.sum(axis=0))
+
+
+def _banded(model: BlackBox, power: Array, left: Array, length: int, crossover: float) -> Array:
+    """Noise spectrum (F,) of a residual's power, of which a fit has left a share (F,) over."""
+    frequency = np.arange(len(power)) / (length * model.Ts * crossover)
+    band = np.searchsorted(_BANDS, frequency)
+    freedom = np.bincount(band, left, len(_BANDS) + 1)
+    sums = np.bincount(band, power, len(_BANDS) + 1)
+    return np.asarray(((sums + power.sum() / len(power)) / np.maximum(freedom - 1, 0.5))[band])
+
+
+def _sides(count: int) -> Array:
+    """How often each frequency of a real signal's transform stands for: twice but for the ends."""
+    sides = np.full(count, 2.0)
+    sides[0] = sides[-1] = 1.0
+    return sides
+
+
+def _spectrum(
+    model: BlackBox, power: Array, length: int, crossover: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Noise spectra (B, F) from residuals' power, white but for bands that are not; any colour.
 
     What the fit has taken from the residual is added again.
     """
@@ -231,7 +378,7 @@ def _spectrum(model: BlackBox, power: Array, length: int, crossover: float) -> A
     with np.errstate(divide="ignore", invalid="ignore"):
         level = sums / (count * taken)
         coloured = level > overall * (1 + _COLOURED / np.sqrt(count))
-    return np.asarray(np.where(coloured, level, overall)[:, band])
+    return np.where(coloured, level, overall)[:, band], coloured[:, :-1].any(axis=1)
 
 
 def _frequencies(target: Target) -> Array:
