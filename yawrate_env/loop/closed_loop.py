@@ -1,7 +1,7 @@
 """The closed loop in state space: poles, stability and time response, batched.
 
-States: the plant's, the d inputs on their way through the computation delay, and the
-controller's integrator ``w+ = (1 - d0 Ts) w + Ts e``, with
+States: the plant's, the d inputs on their way through dead time and computation delay (the
+most of the batch), and the controller's integrator ``w+ = (1 - d0 Ts) w + Ts e``, with
 ``u = n1 e + (n0 - d0 n1) w`` and ``e = reference - y``.
 """
 
@@ -31,28 +31,55 @@ def closed_loop(
         The command ``u = C_u x + D_u reference``.
     """
     n1, n0, d0 = controller.coefficients(kp, Ti, target)
-    n, d = plant.A.shape[1], target.delay_samples
-    m = n + d + 1
+    n = plant.A.shape[1]
+    C = output_row(plant, target)
+    m = C.shape[1] + 1
     C_u = np.zeros((len(plant), m))
-    C_u[:, :n] = -n1[:, None] * plant.C
+    C_u[:, :-1] = -n1[:, None] * C
     C_u[:, -1] = n0 - d0 * n1
 
     A = np.zeros((len(plant), m, m))
     B = np.zeros((len(plant), m))
     A[:, :n, :n] = plant.A
-    if d == 0:
-        A[:, :n] += plant.B[:, :, None] * C_u[:, None, :]
-        B[:, :n] = plant.B * n1[:, None]
-    else:
-        A[:, :n, n] = plant.B
-        for k in range(n, n + d - 1):
-            A[:, k, k + 1] = 1.0
-        A[:, n + d - 1] = C_u
-        B[:, n + d - 1] = n1
-    A[:, -1, :n] = -target.Ts * plant.C
+    for k in range(n, m - 2):
+        A[:, k, k + 1] = 1.0
+    delay = delays(plant, target)
+    late = np.flatnonzero(delay)
+    A[late, n + delay[late] - 1] = 0.0  # the command is the newest input on its way
+    column = entrance(plant, delay, m)
+    A += column[:, :, None] * C_u[:, None, :]
+    B += column * n1[:, None]
+    if len(late):
+        A[late, :n, n] = plant.B[late]
+    A[:, -1, :-1] = -target.Ts * C
     A[:, -1, -1] = 1 - d0 * target.Ts
     B[:, -1] = target.Ts
     return A, B, C_u, n1
+
+
+def delays(plant: DiscretePlant, target: Target) -> NDArray[np.int64]:
+    """Samples from the controller to the plant, (B,)."""
+    delay = np.full(len(plant), target.delay_samples)
+    return delay if plant.delay is None else delay + plant.delay
+
+
+def entrance(plant: DiscretePlant, delay: NDArray[np.int64], m: int) -> NDArray[np.float64]:
+    """Where an input with so many samples to go (B,) enters the m states, (B, m)."""
+    n = plant.A.shape[1]
+    column, late = np.zeros((len(plant), m)), np.flatnonzero(delay)
+    column[:, :n] = np.where(delay == 0, plant.B.T, 0.0).T
+    column[late, n + delay[late] - 1] = 1.0
+    return column
+
+
+def output_row(plant: DiscretePlant, target: Target) -> NDArray[np.float64]:
+    """The output's row in the plant's states and the d inputs on their way, (B, n + d)."""
+    n, delay = plant.A.shape[1], delays(plant, target)
+    row = np.zeros((len(plant), n + int(delay.max(initial=0))))
+    row[:, :n] = plant.C
+    if plant.D is not None and row.shape[1] > n:
+        row[:, n] = np.where(delay > 0, plant.D, 0.0)
+    return row
 
 
 def poles(
@@ -99,13 +126,14 @@ def time_response(
         Yaw rate [rad/s] and steering command [rad].
     """
     A, B, C_u, D_u = closed_loop(plant, kp, Ti, target)
-    n = plant.A.shape[1]
-    x = np.zeros_like(B)
+    C, x = output_row(plant, target), np.zeros_like(B)
+    dead = np.zeros(len(plant), np.int64) if plant.delay is None else plant.delay
+    column = entrance(plant, dead, B.shape[1])
     y, u = (np.empty((len(B), len(reference))) for _ in range(2))
     for k, r in enumerate(reference):
-        y[:, k] = x[:, :n] @ plant.C
+        y[:, k] = np.einsum("bi,bi->b", C, x[:, :-1])
         u[:, k] = np.einsum("bi,bi->b", C_u, x) + D_u * r
         x = np.einsum("bij,bj->bi", A, x) + B * r
         if disturbance is not None:
-            x[:, :n] += plant.B * disturbance[k]
+            x += column * disturbance[k]
     return y, u

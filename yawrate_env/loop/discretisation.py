@@ -23,7 +23,9 @@ _BLOCK = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DiscretePlant:
-    """A batch of B strictly proper single-input single-output plants of order n.
+    """A batch of B single-input single-output plants of order n.
+
+        x[k+1] = A x[k] + B u[k - delay],   y[k] = C x[k] + D u[k - delay]
 
     Attributes
     ----------
@@ -35,12 +37,19 @@ class DiscretePlant:
         (n,) output row, the same for all.
     Ts : float
         Sampling time [s].
+    D : NDArray, optional
+        (B,) feedthrough of the delayed input, of plants with dead time
+        (`yawrate_env.loop.dead_time`).
+    delay : NDArray, optional
+        (B,) int64, whole samples; both or neither is given.
     """
 
     A: NDArray[np.float64]
     B: NDArray[np.float64]
     C: NDArray[np.float64]
     Ts: float
+    D: NDArray[np.float64] | None = None
+    delay: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.A)
@@ -110,7 +119,7 @@ def zoh(
     A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64], Ts: float
 ) -> DiscretePlant:
     """Discretise (B, n, n), (B, n), (n,) continuous plants at `Ts` [s]."""
-    E = expm(_augmented(A, B, Ts))
+    E = expm(augmented(A, B, Ts))
     return DiscretePlant(E[:, :-1, :-1].copy(), E[:, :-1, -1].copy(), C, Ts)
 
 
@@ -136,7 +145,7 @@ def zoh_with_sensitivity(
     """
     _, p, n, _ = dA.shape
     moved = (A[:, None] + _STEP * dA).reshape(-1, n, n)
-    dE = _derivative(expm(_augmented(moved, np.repeat(B, p, axis=0), Ts)))
+    dE = _derivative(expm(augmented(moved, np.repeat(B, p, axis=0), Ts)))
     dE = dE.reshape(-1, p, n + 1, n + 1)[:, :, :n]
     return zoh(A, B, C, Ts), dE[..., :-1].copy(), dE[..., -1].copy()
 
@@ -148,7 +157,8 @@ def expm(X: NDArray[Any]) -> NDArray[Any]:
     return E
 
 
-def _augmented(A: NDArray[Any], B: NDArray[Any], Ts: float) -> NDArray[Any]:
+def augmented(A: NDArray[Any], B: NDArray[Any], Ts: float) -> NDArray[Any]:
+    """The matrices ``[[A, B], [0, 0]] Ts``, (B, n + 1, n + 1)."""
     X = np.zeros((len(A), A.shape[1] + 1, A.shape[1] + 1), A.dtype)
     X[:, :-1, :-1], X[:, :-1, -1] = A * Ts, B * Ts
     return X

@@ -37,6 +37,8 @@ def simulate(
     y : (B, N) float64
         The output before the input of the same sample acts.
     """
+    if plant.delay is not None:
+        raise ValueError("plant.delay is given: simulate it by loop.dead_time.simulate_late.")
     inputs = np.ascontiguousarray(np.atleast_2d(u), dtype=np.float64)
     if len(inputs) not in (1, len(plant)):  # the compiled loop does not check its indices
         raise ValueError(f"u has {len(inputs)} rows for {len(plant)} plants. Give 1 or as many.")
