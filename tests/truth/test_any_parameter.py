@@ -164,6 +164,28 @@ def test_the_gray_box_finds_stiffness_and_dead_time():
         assert found.trusted and found.phase_margin.value == pytest.approx(60, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    "factors",
+    [
+        {"mu_s": 1.1, "M_delta": 1.1, "J_z": 1.1},
+        {"mu_s": 1.1, "C_f": 1 / 1.1, "C_r": 1 / 1.1},
+    ],
+)
+def test_parameters_that_no_recording_tells_apart_are_named(factors):
+    names = [name for name in factors if name in OTHERS]
+    plant = yaw_rate(opened(*names, experiment=Experiment(Ts=0.002, N=3000)))
+    known = {"M_delta": Vehicle().M_0}  # the total mass is scaled
+    theta, other = plant.middle, plant.middle
+    for name, factor in factors.items():
+        (i,) = plant.indices((name,))
+        other[:, i] = factor * (other[:, i] + known.get(name, 0.0)) - known.get(name, 0.0)
+    np.testing.assert_allclose(plant.respond(other), plant.respond(theta), atol=1e-12)
+    found = tuners.load("gb", plant).tune(u=plant.u, y=recorded(plant, "test", 0, 1).y[0], Ts=0.002)
+    assert not found.trusted
+    said = f"No recording can tell {', '.join(sorted(factors))} apart"
+    assert any(why.startswith(said) for why in found.reasons)
+
+
 def test_the_actuator_in_front_is_known_only_where_it_is_the_same_for_all():
     assert yaw_rate(opened("omega_n")).actuator is None
     late = yaw_rate(Task(vehicle=Vehicle(dead_time=0.01), experiment=SHORT))

@@ -25,7 +25,9 @@ class Prior:
 
     Each is a range ``(low, high)`` with a uniform distribution, a number, or a `LogRange` or
     `Normal` of `yawrate_env.plant`.  All but the first three are the vehicle's own constants
-    where they are None.
+    where they are None.  Only ratios of stiffness, mass and inertia show in a recording: of
+    friction, mass and inertia, and of friction and the two stiffnesses, one must be a number
+    for the others to be found.
 
     Attributes
     ----------

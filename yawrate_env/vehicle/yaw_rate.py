@@ -31,6 +31,7 @@ from yawrate_env.vehicle.sensitivity import LogSensitivity
 from yawrate_env.vehicle.single_track import OTHERS, Context, bounds
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.twin import LinearTwin
+from yawrate_env.vehicle.words import CAUTIONS, SYNONYMS, messages
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.uint64]
@@ -47,30 +48,6 @@ METRICS = {
     "gain_margin [dB]": Metric(np.inf),
 }
 
-HAND_WHEEL = ("handwheelangle", "steeringwheelangle", "swa", "lenkwinkel")
-"""Column names of angles before the steering gear."""
-
-SYNONYMS = {
-    "input": (
-        "steer", "steering", "steercmd", "steeringcmd", "steercommand", "command", "cmd", "u",
-        "delta", "deltaf", "deltacmd", "deltafcmd", "steerangle", "steeringangle",
-        "roadwheelangle", "rwa", *HAND_WHEEL,
-    ),
-    "output": (
-        "yaw", "r", "y", "yawvelocity", "yawspeed", "gyroz", "wz", "omegaz", "psidot",
-        "gierrate", "yawratemeas", "measuredyawrate",
-    ),
-    "v_x": (
-        "v", "velocity", "vehiclespeed", "carspeed", "egospeed", "geschwindigkeit",
-    ),
-}  # fmt: skip
-"""Names of columns in logs, the first preferred."""
-
-CAUTIONS = dict.fromkeys(
-    HAND_WHEEL,
-    "sounds like the hand wheel, and no --steer-ratio is given: it is taken as the road wheel.",
-)
-
 LABELS = {
     "mu_s": "friction",
     "M_delta": "extra mass [kg]",
@@ -86,25 +63,6 @@ LABELS = {
     "xi": "actuator damping",
     "dead_time": "dead time [s]",
     "sensor_lag": "sensor lag [s]",
-}
-
-MESSAGES = {
-    "implausible": f"Steering beyond {np.degrees(LARGEST_ANGLE):.0f} deg or a yaw rate beyond "
-    f"{LARGEST_YAW_RATE:g} rad/s: check the units.",
-    "misfit": "No vehicle in the prior reproduces this recording: check units, signs, sampling "
-    "time, delays between the channels, speed and the vehicle's data.",
-    "response": "At the crossover the recording responds otherwise than the fitted vehicle: "
-    "check speed, sampling time and the vehicle's data.",
-    "noise": "The yaw rate hardly follows the command: too little steering, a dead or noisy "
-    "sensor, or the sensor of another vehicle.",
-    "colour": "Something other than the command moves the yaw rate around the crossover: a "
-    "disturbance, a drift or a sensor fault.",
-    "outside": "The fitted vehicle lies outside the range that the tuner was made for.",
-    "phase_margin_error": "With the fitted vehicle these gains miss the target.",
-    "crossover_error": "With the fitted vehicle these gains miss the target.",
-    "unsolved": "The target cannot be reached, or the numerics did not converge.",
-    "speed": "The recording's speed is not one that the tuner was made for: train one for it, "
-    "or use one for every speed.",
 }
 
 EXTRAPOLATION = {"mu_s": (1.1, 1.3), "M_delta": (300.0, 500.0)}
@@ -178,7 +136,7 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         cautions=CAUTIONS,
         actuator=vehicles.actuator if vehicles.actuator_known else None,
         remarks=remarks,
-        messages=MESSAGES,
+        messages=messages(task.prior),
         record=vehicles.record,
         sensitivity=vehicles.sensitivity if vehicles.exact_slopes else None,
         linear_model=None if vehicles.linear else yaw_rate(straight, check=check),
