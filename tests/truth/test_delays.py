@@ -176,6 +176,23 @@ def test_the_sensor_is_a_first_order_lag():
     np.testing.assert_allclose(known[2], y[2], rtol=1e-12)
 
 
+@pytest.mark.parametrize("Ts", [0.0001, 0.001, 0.02])
+def test_fast_and_slow_sensors_cost_no_digits(Ts):
+    lags = np.array([0.0, 1e-5, 1e-4, 0.003, 0.5])
+    context = Context.of(0.7, 50.0, np.linspace(10, 33, 5), sensor_lag=lags)
+    u, x0 = np.random.default_rng(3).standard_normal(2000), np.full((5, 7), 0.01)
+    y = simulate(plants(Vehicle(), context, Ts), u, x0)
+    A, B, C = state_space(Vehicle(), context)
+    for b in range(len(lags)):
+        joined = np.zeros((8, 8))
+        joined[:7, :7], joined[:7, 7] = A[b], B[b]
+        E, x, expected = expm(joined * Ts), x0[b], []
+        for command in u:
+            expected.append(C @ x)
+            x = E[:7, :7] @ x + E[:7, 7] * command
+        np.testing.assert_allclose(y[b], expected, atol=1e-10 * np.abs(expected).max())
+
+
 def test_lag_and_dead_time_together_are_both():
     known = Vehicle(dead_time=0.0123, sensor_lag=0.02)
     context = Context.of(0.7, 0.0, 20.0)

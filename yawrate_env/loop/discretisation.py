@@ -91,7 +91,7 @@ class ObserverForm:
         c = np.trace(plant.A, axis1=1, axis2=2) / plant.A.shape[1]
         if centre is not None:
             c = np.full_like(c, centre)
-        return cls(c, *_polynomials(plant.A, plant.B, plant.C, c))
+        return cls(c, *polynomials(plant.A, plant.B, plant.C, c))
 
     def sensitivity(
         self, plant: DiscretePlant, dAd: NDArray[np.float64], dBd: NDArray[np.float64]
@@ -108,7 +108,7 @@ class ObserverForm:
         _, p, n = dBd.shape
         A = (plant.A[:, None] + _STEP * dAd).reshape(-1, n, n)
         B = (plant.B[:, None] + _STEP * dBd).reshape(-1, n)
-        alpha, beta, _ = _polynomials(A, B, plant.C, np.repeat(self.centre, p))
+        alpha, beta, _ = polynomials(A, B, plant.C, np.repeat(self.centre, p))
         return _derivative(alpha).reshape(dBd.shape), _derivative(beta).reshape(dBd.shape)
 
     def __len__(self) -> int:
@@ -168,15 +168,16 @@ def _derivative(values: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.asarray(values.imag / _STEP.imag)
 
 
-def _polynomials(
+def polynomials(
     A: NDArray[Any], B: NDArray[Any], C: NDArray[np.float64], centre: NDArray[np.float64]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """alpha, beta and rows of the observer form, of real or complex matrices."""
+    """alpha, beta and rows of the observer form, of real or complex matrices; C (n,) or (B, n)."""
+    A, B = np.ascontiguousarray(A), np.ascontiguousarray(B)
+    C = np.ascontiguousarray(np.broadcast_to(C, B.shape))
     alpha, beta, rows = np.empty_like(B), np.empty_like(B), np.empty_like(A)
-    A, B, C = np.ascontiguousarray(A), np.ascontiguousarray(B), np.ascontiguousarray(C)
 
     def some(i: int, j: int) -> None:
-        _leverrier(A[i:j], B[i:j], C, centre[i:j], alpha[i:j], beta[i:j], rows[i:j])
+        _leverrier(A[i:j], B[i:j], C[i:j], centre[i:j], alpha[i:j], beta[i:j], rows[i:j])
 
     over_blocks(some, len(A), _BLOCK)
     return alpha, beta, rows
@@ -254,7 +255,7 @@ def _leverrier(
             for j in range(n):
                 rows[b, k, j] = 0.0
                 for i in range(n):
-                    rows[b, k, j] += C[i] * M[i, j]
+                    rows[b, k, j] += C[b, i] * M[i, j]
                 beta[b, k] += rows[b, k, j] * B[b, j]
             alpha[b, k] = 0.0
             for i in range(n):

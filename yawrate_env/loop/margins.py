@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from yawrate_env.compiled import kernel, over_blocks
 from yawrate_env.loop import controller
-from yawrate_env.loop.discretisation import DiscretePlant, ObserverForm
+from yawrate_env.loop.discretisation import DiscretePlant
+from yawrate_env.loop.output_lag import observer_form
 from yawrate_env.loop.target import Target
 
 _BLOCK = 64
@@ -47,7 +48,7 @@ class TransferFunction:
     @classmethod
     def of(cls, plant: DiscretePlant, delay_samples: int = 0) -> Self:
         """Transfer function of a state-space batch."""
-        form, n = ObserverForm.of(plant, 1.0), plant.B.shape[1]
+        form, n = observer_form(plant, 1.0), plant.B.shape[1]
         powers = plant.Ts ** np.arange(1.0, n + 1.0)
         num, den = np.zeros((len(form), n + 1)), np.ones((len(form), n + 1))
         num[:, 1:], den[:, 1:] = form.beta / powers, form.alpha / powers

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.loop.dead_time import simulate_late
-from yawrate_env.loop.discretisation import ObserverForm
+from yawrate_env.loop.output_lag import observer_form
 from yawrate_env.loop.simulation import simulate_into
 from yawrate_env.vehicle.discrete import plants
 from yawrate_env.vehicle.single_track import Context, Vehicle
@@ -59,7 +59,7 @@ class LinearTwin:
     ) -> Simulator:
         """Prepare the recursion of the zero-order-hold plants."""
         discrete = plants(vehicle, context, Ts)
-        form = ObserverForm.of(discrete)
+        form = observer_form(discrete)
         if discrete.delay is None:
             return lambda out, i, j: simulate_into(out, form, u, i, j)
         return lambda out, i, j: simulate_late(out, discrete, form, u, i, j)
