@@ -79,14 +79,18 @@ def test_tyres_that_saturate_take_them_too():
     "settings, message",
     [
         ({"C_f": (1.0, 2.0)}, "C_f = 1 must be .* at least 124.9"),
-        ({"M_0": (1500.0, 2000.0)}, "'M_0' is unknown. .* J_z, l_f"),
-        ({"colour": 3}, "'colour' is unknown"),
         ({"xi": {"beta": [1, 2]}}, "xi = .* is no prior"),
     ],
 )
 def test_mistakes_are_one_line(settings, message):
     with pytest.raises(ValueError, match=rf"\A[^\n]*{message}[^\n]*\Z"):
         make(**settings)
+
+
+@pytest.mark.parametrize("name", ["colour", "M_0"])
+def test_arguments_that_there_are_not_are_named_with_those_that_may_be_open(name):
+    with pytest.raises(TypeError, match=rf"unexpected keyword argument '{name}'.* J_z, l_f"):
+        make(**{name: 3.0})
 
 
 @pytest.fixture

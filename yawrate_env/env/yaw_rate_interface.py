@@ -54,9 +54,9 @@ def task_of(
         raise ValueError(f"vehicle = {vehicle!r}: give any of {names}, as numbers.") from None
     unknown = [name for name in others if name not in OTHERS]
     if unknown:
-        raise ValueError(
-            f"argument {unknown[0]!r} is unknown. Give one that is documented, or a range of one "
-            f"of {', '.join(OTHERS)}."
+        raise TypeError(
+            f"__init__() got an unexpected keyword argument {unknown[0]!r}. Give a documented one, or "
+            f"a range of one of {', '.join(OTHERS)}."
         )
     return Task(
         known,
