@@ -55,8 +55,8 @@ def task_of(
     unknown = [name for name in others if name not in OTHERS]
     if unknown:
         raise TypeError(
-            f"__init__() got an unexpected keyword argument {unknown[0]!r}. Give a documented one, or "
-            f"a range of one of {', '.join(OTHERS)}."
+            f"__init__() got an unexpected keyword argument {unknown[0]!r}. Give a documented "
+            f"one, or a range of one of {', '.join(OTHERS)}."
         )
     return Task(
         known,
