@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from yawrate_env.compiled import over_blocks
 from yawrate_env.loop import controller
 from yawrate_env.loop.discretisation import DiscretePlant
+from yawrate_env.loop.late_loop import entrance, late_loop, output_row
 from yawrate_env.loop.target import Target
 
 _BLOCK = 64
@@ -30,56 +31,31 @@ def closed_loop(
     C_u, D_u : (B, m), (B,)
         The command ``u = C_u x + D_u reference``.
     """
+    if plant.delay is not None:
+        return late_loop(plant, kp, Ti, target)
     n1, n0, d0 = controller.coefficients(kp, Ti, target)
-    n = plant.A.shape[1]
-    C = output_row(plant, target)
-    m = C.shape[1] + 1
+    n, d = plant.A.shape[1], target.delay_samples
+    m = n + d + 1
     C_u = np.zeros((len(plant), m))
-    C_u[:, :-1] = -n1[:, None] * C
+    C_u[:, :n] = -n1[:, None] * plant.C
     C_u[:, -1] = n0 - d0 * n1
 
     A = np.zeros((len(plant), m, m))
     B = np.zeros((len(plant), m))
     A[:, :n, :n] = plant.A
-    for k in range(n, m - 2):
-        A[:, k, k + 1] = 1.0
-    delay = delays(plant, target)
-    late = np.flatnonzero(delay)
-    A[late, n + delay[late] - 1] = 0.0  # the command is the newest input on its way
-    column = entrance(plant, delay, m)
-    A += column[:, :, None] * C_u[:, None, :]
-    B += column * n1[:, None]
-    if len(late):
-        A[late, :n, n] = plant.B[late]
-    A[:, -1, :-1] = -target.Ts * C
+    if d == 0:
+        A[:, :n] += plant.B[:, :, None] * C_u[:, None, :]
+        B[:, :n] = plant.B * n1[:, None]
+    else:
+        A[:, :n, n] = plant.B
+        for k in range(n, n + d - 1):
+            A[:, k, k + 1] = 1.0
+        A[:, n + d - 1] = C_u
+        B[:, n + d - 1] = n1
+    A[:, -1, :n] = -target.Ts * plant.C
     A[:, -1, -1] = 1 - d0 * target.Ts
     B[:, -1] = target.Ts
     return A, B, C_u, n1
-
-
-def delays(plant: DiscretePlant, target: Target) -> NDArray[np.int64]:
-    """Samples from the controller to the plant, (B,)."""
-    delay = np.full(len(plant), target.delay_samples)
-    return delay if plant.delay is None else delay + plant.delay
-
-
-def entrance(plant: DiscretePlant, delay: NDArray[np.int64], m: int) -> NDArray[np.float64]:
-    """Where an input with so many samples to go (B,) enters the m states, (B, m)."""
-    n = plant.A.shape[1]
-    column, late = np.zeros((len(plant), m)), np.flatnonzero(delay)
-    column[:, :n] = np.where(delay == 0, plant.B.T, 0.0).T
-    column[late, n + delay[late] - 1] = 1.0
-    return column
-
-
-def output_row(plant: DiscretePlant, target: Target) -> NDArray[np.float64]:
-    """The output's row in the plant's states and the d inputs on their way, (B, n + d)."""
-    n, delay = plant.A.shape[1], delays(plant, target)
-    row = np.zeros((len(plant), n + int(delay.max(initial=0))))
-    row[:, :n] = plant.C
-    if plant.D is not None and row.shape[1] > n:
-        row[:, n] = np.where(delay > 0, plant.D, 0.0)
-    return row
 
 
 def poles(

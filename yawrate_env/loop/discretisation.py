@@ -173,7 +173,7 @@ def polynomials(
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """alpha, beta and rows of the observer form, of real or complex matrices; C (n,) or (B, n)."""
     A, B = np.ascontiguousarray(A), np.ascontiguousarray(B)
-    C = np.ascontiguousarray(np.broadcast_to(C, B.shape))
+    C = C[None].repeat(len(B), axis=0) if C.ndim == 1 else np.ascontiguousarray(C)
     alpha, beta, rows = np.empty_like(B), np.empty_like(B), np.empty_like(A)
 
     def some(i: int, j: int) -> None:

@@ -63,7 +63,8 @@ class TransferFunction:
         for k in range(self.num.shape[1]):
             num = num * delta + self.num[:, k, None]
             den = den * delta + self.den[:, k, None]
-        delay = np.reshape(self.delay_samples, (-1, 1))
+        d = self.delay_samples
+        delay = d if isinstance(d, int) else d[:, None]
         lag = np.exp(-1j * delay * self.Ts * omega)
         return np.asarray(num / den * lag)
 
@@ -129,10 +130,11 @@ def margins(loop: TransferFunction) -> Margins:
     for six decades below that) and refined between its points, so a resonance of
     damping ratio below 0.02 could hide a crossing.
     """
+    if isinstance(loop.delay_samples, int):
+        return Margins(*_with_delay(loop.num, loop.den, loop.Ts, loop.delay_samples).T.copy())
     found = np.empty((len(loop.num), 6))
-    delays = np.broadcast_to(loop.delay_samples, len(loop.num))
-    for delay in np.unique(delays):
-        rows = delays == delay
+    for delay in np.unique(loop.delay_samples):
+        rows = loop.delay_samples == delay
         found[rows] = _with_delay(loop.num[rows], loop.den[rows], loop.Ts, int(delay))
     return Margins(*found.T.copy())
 
@@ -142,6 +144,7 @@ def _with_delay(
 ) -> NDArray[np.float64]:
     """Margins (B, 6) of loops with the same delay."""
     omega, delta, lag = _grid(Ts, delay)
+    num, den = np.ascontiguousarray(num), np.ascontiguousarray(den)
     found = np.empty((len(num), 6))
 
     def work(i: int, j: int) -> None:
