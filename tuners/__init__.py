@@ -12,13 +12,16 @@ from tuners.tuner.stages import Recipe
 from tuners.tuner.tuner import Tuner
 from tuners.tuner.tuner_file import TunerFileError
 from yawrate_env.plant.metric import Metric
+from yawrate_env.plant.parameters import LogRange, Normal
 from yawrate_env.plant.parametrisation import Parametrisation
 from yawrate_env.plant.plant import Plant
 
 __all__ = [
     "NAMES",
     "RECIPES",
+    "LogRange",
     "Metric",
+    "Normal",
     "Parametrisation",
     "Plant",
     "Recipe",

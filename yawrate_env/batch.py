@@ -1,6 +1,6 @@
-"""Records whose fields are arrays over the same batch: part of one, and several in a row."""
+"""Records of arrays, or of dicts of arrays, over one batch: part of one, and several in a row."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
@@ -40,6 +40,8 @@ def _each(records: Sequence[Record], combine: Any) -> Record:
             combined.append(_each(values, combine))
         elif isinstance(values[0], np.ndarray):
             combined.append(combine(values))
+        elif isinstance(values[0], Mapping):
+            combined.append({name: combine([v[name] for v in values]) for name in values[0]})
         else:
             combined.append(values[0])
     return type(first)(*combined)  # type: ignore[no-any-return]

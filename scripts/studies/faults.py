@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.tuner.recording import Recording
+from yawrate_env.batch import concatenate
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.vehicle.episode import excitation, plants
 from yawrate_env.vehicle.single_track import Context, Vehicle
@@ -48,8 +49,10 @@ Kind = Callable[[Task, Rng, int], Faulty]
 
 def of_prior(task: Task, rng: Rng, count: int) -> Context:
     """Vehicles of the prior."""
-    ranges = (task.prior.mu_s, task.prior.M_delta, task.prior.v_x)
-    return Context(*(rng.uniform(*ends, count) for ends in ranges))
+    prior = task.prior
+    ranges = prior.mu_s, prior.M_delta, prior.v_x
+    mu_s, M_delta, v_x = (rng.uniform(low, high, count) for low, high in ranges)
+    return Context(mu_s, M_delta, v_x)
 
 
 def recorded(
@@ -276,7 +279,4 @@ def _quarters(count: int) -> list[int]:
 
 def _joined(task: Task, parts: list[tuple[Context, Array, Array]]) -> Faulty:
     contexts, u, y = zip(*parts, strict=True)
-    context = Context(
-        *(np.concatenate([getattr(c, name) for c in contexts]) for name in Context.__slots__)
-    )
-    return _claim(task, np.concatenate(u), np.concatenate(y), context)
+    return _claim(task, np.concatenate(u), np.concatenate(y), concatenate(contexts))

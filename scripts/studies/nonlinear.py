@@ -203,7 +203,7 @@ def to_json(
 ) -> str:
     """Scores, speed and the conditions that they hold for."""
     conditions = {
-        "task": asdict(task_at(1.0)),
+        "task": task_at(1.0).settings(),
         "training": training,
         "seed": seed,
         "low_friction": LOW_FRICTION,

@@ -145,7 +145,7 @@ def _identification(plant: Plant, seed: int) -> Figure:
 def _tracking(task: Task, tuners: Mapping[str, Tuner]) -> Figure:
     """Fig. 8: the same vehicle and manoeuvre for every method."""
     plant = yaw_rate(task)
-    theta = np.array([[*FIGURE_8, task.prior.v_x[0]]])
+    theta = np.array([[*FIGURE_8, min(task.prior.v_x)]])
     recording = recorded(plant, replace(draw(plant, "test", 0, 0, 1), theta=theta))
     truth = loops(task, context_of(theta)).plant
     time, reference = double_lane_change(task.target.Ts)

@@ -196,7 +196,7 @@ def to_json(board: Sequence[Row], protocol: EvaluationProtocol) -> str:
     content = {
         "protocol": asdict(protocol),
         "environment": "yawrate/PITuning-v0",
-        "task": asdict(Task()),
+        "task": Task().settings(),
         "rows": [asdict(row, dict_factory=_without_nan) for row in board],
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"

@@ -155,7 +155,8 @@ def coverage(
             progress("coverage", done, episodes)
     columns = [np.concatenate(x) for x in (inside, width, bound)]
     mu_s = np.concatenate(friction)
-    edges = np.linspace(*plant.prior["mu_s"], 4)
+    low, high = plant.prior["mu_s"]
+    edges = np.linspace(low, high, 4)
     groups = {"all": np.ones(len(mu_s), dtype=bool)}
     for low, high in zip(edges[:-1], edges[1:], strict=True):
         groups[f"friction {low:.2f} to {high:.2f}"] = (mu_s >= low) & (mu_s <= high)

@@ -3,6 +3,7 @@ import pytest
 from systems import contexts
 
 from yawrate_env.vehicle.single_track import (
+    CONTEXT,
     Context,
     Vehicle,
     state_space,
@@ -66,7 +67,7 @@ def test_sensitivities_are_central_differences():
         up, down = (
             state_space(
                 vehicle,
-                Context.of(**{n: getattr(context, n) + (n == name) * h for n in Context.__slots__}),
+                Context.of(**{n: getattr(context, n) + (n == name) * h for n in CONTEXT}),
             )[0]
             for h in (step, -step)
         )
@@ -90,7 +91,8 @@ def test_context_broadcasts_and_copies():
 
 @pytest.mark.parametrize("name", Vehicle.__slots__)
 def test_vehicle_refuses_unphysical_parameters(name):
-    for value in (0.0, np.nan, np.inf, "1"):
+    zero = () if name in ("l_rel_f", "l_rel_r", "dead_time", "sensor_lag") else (0.0,)
+    for value in (*zero, -1.0, np.nan, np.inf, "1"):
         with pytest.raises(ValueError, match=f"vehicle {name} = "):
             Vehicle(**{name: value})
 

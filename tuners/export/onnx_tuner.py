@@ -116,7 +116,7 @@ def _texts(parts: Parts) -> dict[str, str]:
 
 def _measured(graph: Graph, plant: Plant, name: str) -> str:
     """A measured parameter's feature, as `Plant.measured_features` has it; (episodes, 1)."""
-    value = graph.apply("Log", name) if plant.prior[name][0] > 0 else name
+    value = graph.apply("Log", name) if plant.positive(name) else name
     return graph.apply("Unsqueeze", value, graph.constant([1], np.int64))
 
 

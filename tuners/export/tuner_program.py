@@ -54,7 +54,7 @@ def tuner_program(
         "Ts": plant.Ts,
         "width": parts.width,
         "measured": plant.measured_names,
-        "positive": [name for name in plant.measured_names if plant.prior[name][0] > 0],
+        "positive": [name for name in plant.measured_names if plant.positive(name)],
         "golden": _golden(parts),
         "golden_signals": _golden_signals(parts),
         **size,

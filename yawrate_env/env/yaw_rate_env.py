@@ -14,11 +14,13 @@ from yawrate_env.env.interface import Array, Observation
 from yawrate_env.env.tuning_env import TuningEnv
 from yawrate_env.env.vector_env import TuningVectorEnv
 from yawrate_env.env.yaw_rate_interface import interface_of, task_of
+from yawrate_env.plant.parameters import LogRange, Normal
 from yawrate_env.vehicle.nonlinear.twin import NonlinearTwin
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import context_of
 
 Range = float | Sequence[float]
+Prior = Range | LogRange | Normal | Mapping[str, Sequence[float]] | None
 Parameters = Mapping[str, float] | None
 Pixels = NDArray[np.uint8]
 
@@ -95,8 +97,17 @@ class PITuningEnv(TuningEnv):
     | `M_delta` | [0, 300] | range of the extra mass [kg], or a number |
     | `v_x` | 20 | speed [m/s], or a range |
     | `vehicle` | `{}` | any of Table II's parameters, for example `{"J_z": 2000.0}` |
+    | `C_f`, `dead_time`, ... | `None` | a range of any other parameter, see below |
     | `visible` | `"episode"` | `"speed"` or `"context"` add rows to the observation |
     | `decimate` | 1 | average blocks of so many samples, to save memory |
+
+    Any parameter of the vehicle may differ from episode to episode: `J_z` [kg m²], `l_f`, `l_r`
+    [m], `C_f`, `C_r` [N/rad], `l_rel_f`, `l_rel_r` [m], `omega_n` [rad/s], `xi`, `dead_time` from
+    the command to the actuator [s] and `sensor_lag`, the yaw-rate sensor's time constant [s], as in
+    `make(..., C_f=(100e3, 150e3), dead_time=(0, 0.04))`.  `reset` pins them, the info has them, and
+    `visible="context"` adds their rows.  Ranges are uniform; `{"log": [low, high]}` and
+    `{"normal": [mean, deviation]}` (cut off at three deviations) are other distributions, for
+    `mu_s`, `M_delta` and `v_x` too.
 
     ## Vectorised use
 
@@ -132,13 +143,14 @@ class PITuningEnv(TuningEnv):
         phase_margin: float = 60.0,
         crossover: float = 1.5,
         controller: str = "pi",
-        mu_s: Range = (0.3, 1.1),
-        M_delta: Range = (0.0, 300.0),
-        v_x: Range = 20.0,
+        mu_s: Prior = (0.3, 1.1),
+        M_delta: Prior = (0.0, 300.0),
+        v_x: Prior = 20.0,
         vehicle: Mapping[str, float] | None = None,
         visible: str = "episode",
         decimate: int = 1,
         render_mode: str | None = None,
+        **others: Prior,
     ) -> None:
         task = task_of(
             Ts=Ts,
@@ -156,6 +168,7 @@ class PITuningEnv(TuningEnv):
             M_delta=M_delta,
             v_x=v_x,
             vehicle=vehicle,
+            others=others,
         )
         if render_mode is not None:
             validation.one_of("render_mode", render_mode, tuple(self.metadata["render_modes"]))
@@ -200,7 +213,7 @@ class PITuningEnv(TuningEnv):
 
             self._window = Window(human=self.render_mode == "human")
         frame: Pixels | None = self._window.draw(
-            self.task, context_of(self._theta), self._obs, self._gains
+            self.task, context_of(self._theta, self.task.prior.others), self._obs, self._gains
         )
         return frame
 
@@ -276,7 +289,7 @@ class PITuningVectorEnv(TuningVectorEnv):
         from yawrate_env.env.rendering import figure, pixels
 
         return tuple(
-            pixels(figure(self.task, context_of(theta[None]), obs, None))
+            pixels(figure(self.task, context_of(theta[None], self.task.prior.others), obs, None))
             for theta, obs in zip(self._theta, self._obs, strict=True)
         )
 

@@ -1,7 +1,7 @@
 """The closed loop in state space: poles, stability and time response, batched.
 
-States: the plant's, the d inputs on their way through the computation delay, and the
-controller's integrator ``w+ = (1 - d0 Ts) w + Ts e``, with
+States: the plant's, the d inputs on their way through dead time and computation delay (the
+most of the batch), and the controller's integrator ``w+ = (1 - d0 Ts) w + Ts e``, with
 ``u = n1 e + (n0 - d0 n1) w`` and ``e = reference - y``.
 """
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from yawrate_env.compiled import over_blocks
 from yawrate_env.loop import controller
 from yawrate_env.loop.discretisation import DiscretePlant
+from yawrate_env.loop.late_loop import entrance, late_loop, output_row
 from yawrate_env.loop.target import Target
 
 _BLOCK = 64
@@ -30,6 +31,8 @@ def closed_loop(
     C_u, D_u : (B, m), (B,)
         The command ``u = C_u x + D_u reference``.
     """
+    if plant.delay is not None:
+        return late_loop(plant, kp, Ti, target)
     n1, n0, d0 = controller.coefficients(kp, Ti, target)
     n, d = plant.A.shape[1], target.delay_samples
     m = n + d + 1
@@ -99,13 +102,14 @@ def time_response(
         Yaw rate [rad/s] and steering command [rad].
     """
     A, B, C_u, D_u = closed_loop(plant, kp, Ti, target)
-    n = plant.A.shape[1]
-    x = np.zeros_like(B)
+    C, x = output_row(plant, target), np.zeros_like(B)
+    dead = np.zeros(len(plant), np.int64) if plant.delay is None else plant.delay
+    column = entrance(plant, dead, B.shape[1])
     y, u = (np.empty((len(B), len(reference))) for _ in range(2))
     for k, r in enumerate(reference):
-        y[:, k] = x[:, :n] @ plant.C
+        y[:, k] = np.einsum("bi,bi->b", C, x[:, :-1])
         u[:, k] = np.einsum("bi,bi->b", C_u, x) + D_u * r
         x = np.einsum("bij,bj->bi", A, x) + B * r
         if disturbance is not None:
-            x[:, :n] += plant.B * disturbance[k]
+            x += column * disturbance[k]
     return y, u

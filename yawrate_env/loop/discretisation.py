@@ -23,7 +23,9 @@ _BLOCK = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DiscretePlant:
-    """A batch of B strictly proper single-input single-output plants of order n.
+    """A batch of B single-input single-output plants of order n.
+
+        x[k+1] = A x[k] + B u[k - delay],   y[k] = C x[k] + D u[k - delay]
 
     Attributes
     ----------
@@ -35,12 +37,19 @@ class DiscretePlant:
         (n,) output row, the same for all.
     Ts : float
         Sampling time [s].
+    D : NDArray, optional
+        (B,) feedthrough of the delayed input, of plants with dead time
+        (`yawrate_env.loop.dead_time`).
+    delay : NDArray, optional
+        (B,) int64, whole samples; both or neither is given.
     """
 
     A: NDArray[np.float64]
     B: NDArray[np.float64]
     C: NDArray[np.float64]
     Ts: float
+    D: NDArray[np.float64] | None = None
+    delay: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.A)
@@ -82,7 +91,7 @@ class ObserverForm:
         c = np.trace(plant.A, axis1=1, axis2=2) / plant.A.shape[1]
         if centre is not None:
             c = np.full_like(c, centre)
-        return cls(c, *_polynomials(plant.A, plant.B, plant.C, c))
+        return cls(c, *polynomials(plant.A, plant.B, plant.C, c))
 
     def sensitivity(
         self, plant: DiscretePlant, dAd: NDArray[np.float64], dBd: NDArray[np.float64]
@@ -99,7 +108,7 @@ class ObserverForm:
         _, p, n = dBd.shape
         A = (plant.A[:, None] + _STEP * dAd).reshape(-1, n, n)
         B = (plant.B[:, None] + _STEP * dBd).reshape(-1, n)
-        alpha, beta, _ = _polynomials(A, B, plant.C, np.repeat(self.centre, p))
+        alpha, beta, _ = polynomials(A, B, plant.C, np.repeat(self.centre, p))
         return _derivative(alpha).reshape(dBd.shape), _derivative(beta).reshape(dBd.shape)
 
     def __len__(self) -> int:
@@ -110,7 +119,7 @@ def zoh(
     A: NDArray[np.float64], B: NDArray[np.float64], C: NDArray[np.float64], Ts: float
 ) -> DiscretePlant:
     """Discretise (B, n, n), (B, n), (n,) continuous plants at `Ts` [s]."""
-    E = expm(_augmented(A, B, Ts))
+    E = expm(augmented(A, B, Ts))
     return DiscretePlant(E[:, :-1, :-1].copy(), E[:, :-1, -1].copy(), C, Ts)
 
 
@@ -136,7 +145,7 @@ def zoh_with_sensitivity(
     """
     _, p, n, _ = dA.shape
     moved = (A[:, None] + _STEP * dA).reshape(-1, n, n)
-    dE = _derivative(expm(_augmented(moved, np.repeat(B, p, axis=0), Ts)))
+    dE = _derivative(expm(augmented(moved, np.repeat(B, p, axis=0), Ts)))
     dE = dE.reshape(-1, p, n + 1, n + 1)[:, :, :n]
     return zoh(A, B, C, Ts), dE[..., :-1].copy(), dE[..., -1].copy()
 
@@ -148,7 +157,8 @@ def expm(X: NDArray[Any]) -> NDArray[Any]:
     return E
 
 
-def _augmented(A: NDArray[Any], B: NDArray[Any], Ts: float) -> NDArray[Any]:
+def augmented(A: NDArray[Any], B: NDArray[Any], Ts: float) -> NDArray[Any]:
+    """The matrices ``[[A, B], [0, 0]] Ts``, (B, n + 1, n + 1)."""
     X = np.zeros((len(A), A.shape[1] + 1, A.shape[1] + 1), A.dtype)
     X[:, :-1, :-1], X[:, :-1, -1] = A * Ts, B * Ts
     return X
@@ -158,15 +168,16 @@ def _derivative(values: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.asarray(values.imag / _STEP.imag)
 
 
-def _polynomials(
+def polynomials(
     A: NDArray[Any], B: NDArray[Any], C: NDArray[np.float64], centre: NDArray[np.float64]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """alpha, beta and rows of the observer form, of real or complex matrices."""
+    """alpha, beta and rows of the observer form, of real or complex matrices; C (n,) or (B, n)."""
+    A, B = np.ascontiguousarray(A), np.ascontiguousarray(B)
+    C = C[None].repeat(len(B), axis=0) if C.ndim == 1 else np.ascontiguousarray(C)
     alpha, beta, rows = np.empty_like(B), np.empty_like(B), np.empty_like(A)
-    A, B, C = np.ascontiguousarray(A), np.ascontiguousarray(B), np.ascontiguousarray(C)
 
     def some(i: int, j: int) -> None:
-        _leverrier(A[i:j], B[i:j], C, centre[i:j], alpha[i:j], beta[i:j], rows[i:j])
+        _leverrier(A[i:j], B[i:j], C[i:j], centre[i:j], alpha[i:j], beta[i:j], rows[i:j])
 
     over_blocks(some, len(A), _BLOCK)
     return alpha, beta, rows
@@ -244,7 +255,7 @@ def _leverrier(
             for j in range(n):
                 rows[b, k, j] = 0.0
                 for i in range(n):
-                    rows[b, k, j] += C[i] * M[i, j]
+                    rows[b, k, j] += C[b, i] * M[i, j]
                 beta[b, k] += rows[b, k, j] * B[b, j]
             alpha[b, k] = 0.0
             for i in range(n):

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from yawrate_env.compiled import kernel, over_blocks
 from yawrate_env.loop import controller
-from yawrate_env.loop.discretisation import DiscretePlant, ObserverForm
+from yawrate_env.loop.discretisation import DiscretePlant
+from yawrate_env.loop.output_lag import observer_form
 from yawrate_env.loop.target import Target
 
 _BLOCK = 64
@@ -35,23 +36,25 @@ class TransferFunction:
         (B, m) float64, the same length, ``den[:, 0] = 1``.
     Ts : float
         Sampling time [s].
-    delay_samples : int
-        Pure delay.
+    delay_samples : int or NDArray
+        Pure delay, the same for all or (B,) int64.
     """
 
     num: NDArray[np.float64]
     den: NDArray[np.float64]
     Ts: float
-    delay_samples: int = 0
+    delay_samples: int | NDArray[np.int64] = 0
 
     @classmethod
     def of(cls, plant: DiscretePlant, delay_samples: int = 0) -> Self:
         """Transfer function of a state-space batch."""
-        form, n = ObserverForm.of(plant, 1.0), plant.B.shape[1]
+        form, n = observer_form(plant, 1.0), plant.B.shape[1]
         powers = plant.Ts ** np.arange(1.0, n + 1.0)
         num, den = np.zeros((len(form), n + 1)), np.ones((len(form), n + 1))
         num[:, 1:], den[:, 1:] = form.beta / powers, form.alpha / powers
-        return cls(num, den, plant.Ts, delay_samples)
+        if plant.D is None or plant.delay is None:
+            return cls(num, den, plant.Ts, delay_samples)
+        return cls(num + plant.D[:, None] * den, den, plant.Ts, delay_samples + plant.delay)
 
     def __call__(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Frequency response at `omega` [rad/s], (F,) or (B, F) -> (B, F)."""
@@ -60,7 +63,9 @@ class TransferFunction:
         for k in range(self.num.shape[1]):
             num = num * delta + self.num[:, k, None]
             den = den * delta + self.den[:, k, None]
-        lag = np.exp(-1j * self.delay_samples * self.Ts * omega)
+        d = self.delay_samples
+        delay = d if isinstance(d, int) else d[:, None]
+        lag = np.exp(-1j * delay * self.Ts * omega)
         return np.asarray(num / den * lag)
 
     def __mul__(self, other: "TransferFunction") -> "TransferFunction":
@@ -125,16 +130,28 @@ def margins(loop: TransferFunction) -> Margins:
     for six decades below that) and refined between its points, so a resonance of
     damping ratio below 0.02 could hide a crossing.
     """
-    omega, delta, lag = _grid(loop.Ts, loop.delay_samples)
+    if isinstance(loop.delay_samples, int):
+        return Margins(*_with_delay(loop.num, loop.den, loop.Ts, loop.delay_samples).T.copy())
     found = np.empty((len(loop.num), 6))
-    num, den = np.ascontiguousarray(loop.num), np.ascontiguousarray(loop.den)
+    for delay in np.unique(loop.delay_samples):
+        rows = loop.delay_samples == delay
+        found[rows] = _with_delay(loop.num[rows], loop.den[rows], loop.Ts, int(delay))
+    return Margins(*found.T.copy())
+
+
+def _with_delay(
+    num: NDArray[np.float64], den: NDArray[np.float64], Ts: float, delay: int
+) -> NDArray[np.float64]:
+    """Margins (B, 6) of loops with the same delay."""
+    omega, delta, lag = _grid(Ts, delay)
+    num, den = np.ascontiguousarray(num), np.ascontiguousarray(den)
+    found = np.empty((len(num), 6))
 
     def work(i: int, j: int) -> None:
-        timing = (loop.Ts, loop.delay_samples)
-        _margins(num[i:j], den[i:j], *timing, omega, delta, lag, found[i:j])
+        _margins(num[i:j], den[i:j], Ts, delay, omega, delta, lag, found[i:j])
 
     over_blocks(work, len(num), _BLOCK)
-    return Margins(*found.T.copy())
+    return found
 
 
 @cache

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.loop.discretisation import DiscretePlant, ObserverForm
+from yawrate_env.loop.output_lag import observer_form
 
 
 def simulate(
@@ -37,11 +38,13 @@ def simulate(
     y : (B, N) float64
         The output before the input of the same sample acts.
     """
+    if plant.delay is not None:
+        raise ValueError("plant.delay is given: simulate it by loop.dead_time.simulate_late.")
     inputs = np.ascontiguousarray(np.atleast_2d(u), dtype=np.float64)
     if len(inputs) not in (1, len(plant)):  # the compiled loop does not check its indices
         raise ValueError(f"u has {len(inputs)} rows for {len(plant)} plants. Give 1 or as many.")
     y = np.empty((len(plant), inputs.shape[1]))
-    form = ObserverForm.of(plant)
+    form = observer_form(plant)
     w0 = None if x0 is None else np.stack([R @ x for R, x in zip(form.rows, x0, strict=True)])
 
     def one_block(i: int, j: int) -> None:

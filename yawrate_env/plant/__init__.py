@@ -6,6 +6,7 @@ belong here, nor does anything that learns.
 
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.noise import snr
+from yawrate_env.plant.parameters import LogRange, Normal
 from yawrate_env.plant.parametrisation import GAINS, LOG, Parametrisation, loop
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.responses import ClosedLoop, OpenLoop, Response
@@ -14,7 +15,9 @@ __all__ = [
     "GAINS",
     "LOG",
     "ClosedLoop",
+    "LogRange",
     "Metric",
+    "Normal",
     "OpenLoop",
     "Parametrisation",
     "Plant",

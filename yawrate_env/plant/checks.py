@@ -9,6 +9,7 @@ import numpy as np
 from yawrate_env import validation
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import CHECKS, check_name, check_unique
+from yawrate_env.plant.parameters import Spread, spread
 from yawrate_env.plant.parametrisation import Parametrisation
 
 Check = Callable[[str, Any], Any]
@@ -63,10 +64,10 @@ def _mapping(name: str, value: Any, check: Check, keys: tuple[str, ...] = ()) ->
     return {key: check(f"{name} {key}", each) for key, each in value.items()}
 
 
-def _prior(name: str, value: Any) -> dict[str, tuple[float, float]]:
+def _prior(name: str, value: Any) -> dict[str, Spread]:
     if not value:
         raise ValueError('prior must name at least one parameter, as in {"J": (0.01, 0.03)}.')
-    return _mapping(name, value, validation.interval)
+    return _mapping(name, value, spread)
 
 
 def _gains(name: str, value: Any) -> tuple[str, ...]:

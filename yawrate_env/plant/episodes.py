@@ -102,9 +102,15 @@ def integers_of(plant: Plant) -> int:
 def parameters(
     plant: Plant, integers: Integers, ranges: tuple[Array, Array] | None = None
 ) -> Array:
-    """Random integers (B, p) to parameters (B, p) of the prior, or of other ranges."""
-    low, high = plant.ranges if ranges is None else ranges
-    return np.asarray(low + (high - low) * uniform(integers))
+    """Random integers (B, p) to parameters (B, p) of the prior, or uniform where ranges differ."""
+    prior = plant.ranges
+    low, high = prior if ranges is None else ranges
+    unit = uniform(integers)
+    theta = np.asarray(low + (high - low) * unit)
+    for i, each in plant.shaped.items():
+        if (low[i], high[i]) == (prior[0][i], prior[1][i]):
+            theta[:, i] = each.at(unit[:, i])
+    return theta
 
 
 def prior_gains(plant: Plant) -> Array:

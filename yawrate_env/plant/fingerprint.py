@@ -57,7 +57,10 @@ def changed(plant: Plant, then: dict[str, Any], parts: tuple[str, ...] = ()) -> 
 
 def _settings(plant: Plant) -> dict[str, Any]:
     return {
-        "prior": [[name, *ends] for name, ends in plant.prior.items()],
+        "prior": [
+            [name, *ends, *([] if isinstance(ends, tuple) else [ends.kind])]
+            for name, ends in plant.prior.items()
+        ],
         "gains": list(plant.gains),
         "Ts": plant.Ts,
         "measured": [[name, slack] for name, slack in plant.measured.items()],

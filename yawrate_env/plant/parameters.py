@@ -1,7 +1,9 @@
 """The parameters of a family of plants: ranges, indices, and the features of measured ones."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,115 @@ from yawrate_env.plant.names import split
 Array = NDArray[np.float64]
 Range = tuple[float, float]
 
+_DEVIATIONS = 3.0  # of a normal prior, beyond which it is cut off
 _MARGIN = 0.5  # of a range's width, by which the search for parameters may leave the prior
+
+
+@dataclass(frozen=True, slots=True)
+class LogRange:
+    """A prior whose logarithm is uniform between two positive ends; unpacks as ``(low, high)``.
+
+    Attributes
+    ----------
+    low, high : float
+        Ends of the range, in the parameter's unit.
+    """
+
+    kind: ClassVar[str] = "log"
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        remedy = "Give positive ends, or a pair for a uniform prior."
+        for end in ("low", "high"):
+            value = validation.number(f"LogRange {end}", getattr(self, end), above=0.0,
+                                      remedy=remedy)  # fmt: skip
+            object.__setattr__(self, end, value)
+        validation.interval("LogRange", tuple(self))
+
+    def __iter__(self) -> Iterator[float]:
+        return iter((self.low, self.high))
+
+    @property
+    def middle(self) -> float:
+        """The geometric mean of its ends."""
+        return float(np.sqrt(self.low) * np.sqrt(self.high))
+
+    def at(self, unit: Array) -> Array:
+        """Quantiles (B,) of uniform numbers (B,) between 0 and 1."""
+        return np.asarray(self.low * np.exp(unit * np.log(self.high / self.low)))
+
+
+@dataclass(frozen=True, slots=True)
+class Normal:
+    """A normal prior, cut off at three deviations: it unpacks as these ends, ``(low, high)``.
+
+    Attributes
+    ----------
+    mean, deviation : float
+        Of the distribution before it is cut off, in the parameter's unit.
+    """
+
+    kind: ClassVar[str] = "normal"
+
+    mean: float
+    deviation: float
+
+    def __post_init__(self) -> None:
+        mean = validation.number("Normal mean", self.mean)
+        deviation = validation.number("Normal deviation", self.deviation, above=0.0,
+                                      remedy="Give a number for a known parameter.")  # fmt: skip
+        object.__setattr__(self, "mean", mean)
+        object.__setattr__(self, "deviation", deviation)
+
+    def __iter__(self) -> Iterator[float]:
+        spare = _DEVIATIONS * self.deviation
+        return iter((self.mean - spare, self.mean + spare))
+
+    @property
+    def middle(self) -> float:
+        """The mean."""
+        return self.mean
+
+    def at(self, unit: Array) -> Array:
+        """Quantiles (B,) of uniform numbers (B,) between 0 and 1."""
+        standard = NormalDist()
+        outside = standard.cdf(-_DEVIATIONS)
+        shares = outside + (1 - 2 * outside) * unit
+        return self.mean + self.deviation * np.array([standard.inv_cdf(x) for x in shares.tolist()])
+
+
+Spread = Range | LogRange | Normal
+"""A parameter's prior: uniform between two ends, or one of the others."""
+
+SHAPES: dict[str, type[LogRange] | type[Normal]] = {"log": LogRange, "normal": Normal}
+"""By the name that files have for them."""
+
+
+def spread(name: str, value: Any) -> Spread:
+    """A prior from a number, a pair, a record or, as files have it, ``{"log": [low, high]}``."""
+    if isinstance(value, LogRange | Normal):
+        return value
+    if not isinstance(value, Mapping):
+        return validation.interval(name, value)
+    shape, *others = value or ("",)
+    if others or shape not in SHAPES or np.size(value[shape]) != 2:
+        raise ValueError(
+            f"{name} = {dict(value)!r} is no prior. Give a number, [low, high], "
+            "{log = [low, high]} or {normal = [mean, deviation]}."
+        )
+    try:
+        return SHAPES[shape](*value[shape])
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def plain(prior: Spread) -> Any:
+    """What `spread` reads, of plain JSON values."""
+    if isinstance(prior, tuple):
+        return prior
+    return {prior.kind: [getattr(prior, part) for part in prior.__slots__]}
 
 
 class Parameters:
@@ -23,7 +133,7 @@ class Parameters:
 
     __slots__ = ()
 
-    prior: Mapping[str, Range]
+    prior: Mapping[str, Spread]
     measured: Mapping[str, float]
     search_limits: Mapping[str, Range]
     labels: Mapping[str, str]
@@ -31,8 +141,14 @@ class Parameters:
     @property
     def ranges(self) -> tuple[Array, Array]:
         """Low and high ends of the prior, (p,) each."""
-        low, high = np.array(list(self.prior.values())).T
+        low, high = np.array([tuple(ends) for ends in self.prior.values()]).T
         return low, high
+
+    @property
+    def shaped(self) -> dict[int, LogRange | Normal]:
+        """The priors that are not uniform, by index."""
+        priors = enumerate(self.prior.values())
+        return {i: each for i, each in priors if not isinstance(each, tuple)}
 
     @property
     def width(self) -> Array:
@@ -42,9 +158,12 @@ class Parameters:
 
     @property
     def middle(self) -> Array:
-        """(1, p) parameters in the middle of the prior."""
+        """(1, p) parameters in the middle of the prior: of a logarithmic one, the geometric."""
         low, high = self.ranges
-        return np.asarray((low + high)[None] / 2)
+        found = np.asarray((low + high)[None] / 2)
+        for i, each in self.shaped.items():
+            found[:, i] = each.middle
+        return found
 
     @property
     def unknown(self) -> NDArray[np.intp]:
@@ -69,7 +188,7 @@ class Parameters:
         """Measured parameters (B, m) as features: logarithms of positive ones."""
         columns = [theta[:, i] for i in self.indices(self.measured_names)]
         columns = [
-            np.log(values) if self.prior[name][0] > 0 else values
+            np.log(values) if self.positive(name) else values
             for name, values in zip(self.measured_names, columns, strict=True)
         ]
         return np.stack(columns, axis=1) if columns else np.empty((len(theta), 0))
@@ -93,6 +212,11 @@ class Parameters:
         first = f"Give it in {unit}, or describe" if unit else "Describe"
         remedy = f"{first} a plant with a wider prior, or search_limits."
         return validation.number(name, value, at_least=low, at_most=high, remedy=remedy)
+
+    def positive(self, name: str) -> bool:
+        """Whether the whole range of a parameter is above 0."""
+        low, _ = self.prior[name]
+        return low > 0
 
     def label(self, name: str) -> str:
         """A parameter's name in logs, checks and results, with its unit."""

@@ -18,7 +18,7 @@ from yawrate_env.plant.calls import call, rows
 from yawrate_env.plant.checks import check_experiment, checked
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import MARGINS, split
-from yawrate_env.plant.parameters import Parameters, Range
+from yawrate_env.plant.parameters import Parameters, Range, Spread
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.reward import defined, reward
@@ -44,7 +44,8 @@ class Plant(Parameters):
     ----------
     prior : dict
         Names of the p parameters that differ from plant to plant, and their uniform ranges
-        ``(low, high)``; a point is a parameter that is known.
+        ``(low, high)``; a point is a parameter that is known.  `LogRange` and `Normal` are
+        other distributions, from which episodes are drawn.
     simulate : callable
         ``simulate(theta, u, rng)``: parameters (B, p) and input (N,) to outputs (B, N); input
         (B, N) where every episode has its own (`excite`).  `rng` is for randomness in the
@@ -159,7 +160,7 @@ class Plant(Parameters):
         Names of the f metrics that count in the reward, not an argument; others are only reported.
     """
 
-    prior: Mapping[str, Range]
+    prior: Mapping[str, Spread]
     simulate: Callable[[Array, Array, Any], Array]
     design: Callable[[Array], Array | tuple[Array, Flags]]
     gains: tuple[str, ...]

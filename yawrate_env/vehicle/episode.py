@@ -4,17 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.compiled import LANES, over_blocks
-from yawrate_env.loop.discretisation import DiscretePlant, zoh
 from yawrate_env.loop.loops import Loops
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
 from yawrate_env.signals.noise import add_white_noise
-from yawrate_env.vehicle.single_track import Context, Vehicle, state_space
+from yawrate_env.vehicle.discrete import plants as plants
+from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Experiment, Task
-
-
-def plants(vehicle: Vehicle, context: Context, Ts: float) -> DiscretePlant:
-    """ZOH plants of the batch at `Ts` [s], from steering command to yaw rate."""
-    return zoh(*state_space(vehicle, context), Ts)
 
 
 def loops(task: Task, context: Context) -> Loops:

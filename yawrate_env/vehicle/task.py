@@ -5,14 +5,15 @@ speed, the excitation, and 1 kHz episodes for a controller that runs at 100 Hz.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self
 
 import numpy as np
 
 from yawrate_env import validation
 from yawrate_env.loop.target import Target
-from yawrate_env.vehicle.single_track import LARGEST, SMALLEST, Vehicle
+from yawrate_env.plant.parameters import Spread, plain, spread
+from yawrate_env.vehicle.single_track import CONTEXT, OTHERS, Vehicle, check_parameter
 from yawrate_env.vehicle.twin import LinearTwin, Twin
 
 REGISTERS = ("same", "random")
@@ -20,7 +21,13 @@ REGISTERS = ("same", "random")
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Uniform ranges of the context, eq. (12); a range may be a point.
+    """What differs from vehicle to vehicle: friction, mass and speed, eq. (12), and any other.
+
+    Each is a range ``(low, high)`` with a uniform distribution, a number, or a `LogRange` or
+    `Normal` of `yawrate_env.plant`.  All but the first three are the vehicle's own constants
+    where they are None.  Only ratios of stiffness, mass and inertia show in a recording: of
+    friction, mass and inertia, and of friction and the two stiffnesses, one must be a number
+    for the others to be found.
 
     Attributes
     ----------
@@ -30,21 +37,42 @@ class Prior:
         Extra mass [kg].
     v_x : tuple of float
         Speed [m/s]; not given in the paper.
+    J_z, l_f, l_r, C_f, C_r, l_rel_f, l_rel_r, omega_n, xi, dead_time, sensor_lag : optional
+        As in `Vehicle`.
     """
 
-    mu_s: tuple[float, float] = (0.3, 1.1)
-    M_delta: tuple[float, float] = (0.0, 300.0)
-    v_x: tuple[float, float] = (20.0, 20.0)
+    mu_s: Spread = (0.3, 1.1)
+    M_delta: Spread = (0.0, 300.0)
+    v_x: Spread = (20.0, 20.0)
+    J_z: Spread | None = None
+    l_f: Spread | None = None
+    l_r: Spread | None = None
+    C_f: Spread | None = None
+    C_r: Spread | None = None
+    l_rel_f: Spread | None = None
+    l_rel_r: Spread | None = None
+    omega_n: Spread | None = None
+    xi: Spread | None = None
+    dead_time: Spread | None = None
+    sensor_lag: Spread | None = None
 
     def __post_init__(self) -> None:
-        for name, largest in LARGEST.items():
-            low, high = validation.interval(name, getattr(self, name))
-            validation.number(name, high, at_most=largest, remedy="Use SI units.")
-            object.__setattr__(self, name, (low, high))
-        for name, smallest in SMALLEST.items():
-            low, _ = getattr(self, name)
-            validation.number(name, low, above=0.0, at_least=smallest,
-                              remedy="Raise the low end of its range.")  # fmt: skip
+        for name in (each.name for each in fields(self)):
+            if name in CONTEXT or getattr(self, name) is not None:
+                found = spread(name, getattr(self, name))
+                object.__setattr__(self, name, found)
+                for end in found:
+                    check_parameter(name, end, "Use SI units, and a range within this bound.")
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Names of parameters beside friction, mass and speed."""
+        return tuple(name for name in OTHERS if getattr(self, name) is not None)
+
+    @property
+    def ranges(self) -> dict[str, Spread]:
+        """All by name, in the order of a plant's parameters."""
+        return {name: getattr(self, name) for name in (*CONTEXT, *self.others)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,21 +138,25 @@ class Task:
     def __post_init__(self) -> None:
         validation.number(
             "total mass M_0 + M_delta",
-            self.vehicle.M_0 + self.prior.M_delta[0],
+            self.vehicle.M_0 + min(self.prior.M_delta),
             above=0.0,
             remedy="Raise M_0 or the low end of M_delta.",
         )
+        self.twin.check(self.vehicle, self.prior.others)
 
     def settings(self) -> dict[str, Any]:
-        """The task as plain JSON values."""
-        return asdict(self)
+        """The task as plain JSON values, without delays and priors that it does not have."""
+        known = {name: value for name, value in asdict(self.vehicle).items() if value != 0}
+        prior = {name: plain(each) for name, each in self.prior.ranges.items()}
+        parts = {name: asdict(getattr(self, name)) for name in ("experiment", "target", "twin")}
+        return {"vehicle": known, "prior": prior, **parts}
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Self:
         """Rebuild the task that `settings` wrote."""
         return cls(
             Vehicle(**settings["vehicle"]),
-            Prior(**{name: tuple(values) for name, values in settings["prior"].items()}),
+            Prior(**settings["prior"]),
             Experiment(**settings["experiment"]),
             Target(**settings["target"]),
             twin=twin_from(settings.get("twin", {})),

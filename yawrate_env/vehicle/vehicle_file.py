@@ -1,11 +1,13 @@
 """A vehicle's TOML file, read into a `Task`.
 
     [vehicle]    every value of `Vehicle`
-    [prior]      every range of `Prior`; a number is a range of one point
+    [prior]      ranges of `Prior`; a number is a range of one point, and ``{log = [low, high]}``
+                 and ``{normal = [mean, deviation]}`` are other distributions
     [experiment] values of `Experiment` that differ from the paper's
     [target]     values of `Target` that differ from the paper's
 
-The first two must be complete: a value left out would silently be another car's.
+The first two must be complete, but for delays, which are otherwise none, and for priors over
+parameters of [vehicle]: a value left out would silently be another car's.
 """
 
 import os
@@ -17,6 +19,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.parameters import Spread
 from yawrate_env.vehicle.single_track import Vehicle
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 
@@ -77,10 +80,10 @@ def _sections() -> Any:
 
     def section(name: str, record: Any) -> Any:
         hints = get_type_hints(record)
-        keys: list[Any] = [(key.name, _type(hints[key.name])) for key in fields(record)]
-        if name not in COMPLETE:
-            defaults = [field.default for field in fields(record)]
-            keys = [(*key, default) for key, default in zip(keys, defaults, strict=True)]
+        keys: list[Any] = []
+        for key in sorted(fields(record), key=lambda key: not _needed(name, key)):
+            default = () if _needed(name, key) else (key.default,)
+            keys.append((key.name, _type(hints[key.name]), *default))
         return msgspec.defstruct(name, keys, forbid_unknown_fields=True)
 
     types = {name: section(name, record) for name, record in SECTIONS.items()}
@@ -93,6 +96,14 @@ def _sections() -> Any:
     return msgspec.defstruct("File", whole, forbid_unknown_fields=True)
 
 
+def _needed(section: str, key: Any) -> bool:
+    """Whether a file must have it: a default other than nothing is the paper's."""
+    return section in COMPLETE and key.default not in (None, 0.0)
+
+
 def _type(hint: Any) -> Any:
-    """A number may stand for a range."""
-    return hint | float if hint == tuple[float, float] else hint
+    """A number, two, or a named distribution may stand for a prior."""
+    if hint not in (Spread, Spread | None):
+        return hint
+    ends = tuple[float, float]
+    return ends | float | dict[str, ends] | (None if hint == Spread | None else float)

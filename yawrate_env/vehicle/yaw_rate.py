@@ -1,10 +1,11 @@
 """The paper's case as a plant: a `Task`'s vehicles, experiment and loop target.
 
 Parameters are ``(mu_s, M_delta, v_x)``: friction and extra mass are unknown, the speed is
-measured with every recording.
+measured with every recording.  Further ones that the prior names follow in the order of
+`LABELS`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -27,9 +28,10 @@ from yawrate_env.vehicle.actuator import actuated
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond
 from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE
 from yawrate_env.vehicle.sensitivity import LogSensitivity
-from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.single_track import OTHERS, Context, bounds
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.twin import LinearTwin
+from yawrate_env.vehicle.words import CAUTIONS, SYNONYMS, messages
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.uint64]
@@ -46,49 +48,21 @@ METRICS = {
     "gain_margin [dB]": Metric(np.inf),
 }
 
-HAND_WHEEL = ("handwheelangle", "steeringwheelangle", "swa", "lenkwinkel")
-"""Column names of angles before the steering gear."""
-
-SYNONYMS = {
-    "input": (
-        "steer", "steering", "steercmd", "steeringcmd", "steercommand", "command", "cmd", "u",
-        "delta", "deltaf", "deltacmd", "deltafcmd", "steerangle", "steeringangle",
-        "roadwheelangle", "rwa", *HAND_WHEEL,
-    ),
-    "output": (
-        "yaw", "r", "y", "yawvelocity", "yawspeed", "gyroz", "wz", "omegaz", "psidot",
-        "gierrate", "yawratemeas", "measuredyawrate",
-    ),
-    "v_x": (
-        "v", "velocity", "vehiclespeed", "carspeed", "egospeed", "geschwindigkeit",
-    ),
-}  # fmt: skip
-"""Names of columns in logs, the first preferred."""
-
-CAUTIONS = dict.fromkeys(
-    HAND_WHEEL,
-    "sounds like the hand wheel, and no --steer-ratio is given: it is taken as the road wheel.",
-)
-
-LABELS = {"mu_s": "friction", "M_delta": "extra mass [kg]", "v_x": "speed [m/s]"}
-
-MESSAGES = {
-    "implausible": f"Steering beyond {np.degrees(LARGEST_ANGLE):.0f} deg or a yaw rate beyond "
-    f"{LARGEST_YAW_RATE:g} rad/s: check the units.",
-    "misfit": "No vehicle in the prior reproduces this recording: check units, signs, sampling "
-    "time, delays between the channels, speed and the vehicle's data.",
-    "response": "At the crossover the recording responds otherwise than the fitted vehicle: "
-    "check speed, sampling time and the vehicle's data.",
-    "noise": "The yaw rate hardly follows the command: too little steering, a dead or noisy "
-    "sensor, or the sensor of another vehicle.",
-    "colour": "Something other than the command moves the yaw rate around the crossover: a "
-    "disturbance, a drift or a sensor fault.",
-    "outside": "The fitted vehicle lies outside the range that the tuner was made for.",
-    "phase_margin_error": "With the fitted vehicle these gains miss the target.",
-    "crossover_error": "With the fitted vehicle these gains miss the target.",
-    "unsolved": "The target cannot be reached, or the numerics did not converge.",
-    "speed": "The recording's speed is not one that the tuner was made for: train one for it, "
-    "or use one for every speed.",
+LABELS = {
+    "mu_s": "friction",
+    "M_delta": "extra mass [kg]",
+    "v_x": "speed [m/s]",
+    "J_z": "yaw inertia [kg m^2]",
+    "l_f": "front axle distance [m]",
+    "l_r": "rear axle distance [m]",
+    "C_f": "front stiffness [N/rad]",
+    "C_r": "rear stiffness [N/rad]",
+    "l_rel_f": "front relaxation length [m]",
+    "l_rel_r": "rear relaxation length [m]",
+    "omega_n": "actuator bandwidth [rad/s]",
+    "xi": "actuator damping",
+    "dead_time": "dead time [s]",
+    "sensor_lag": "sensor lag [s]",
 }
 
 EXTRAPOLATION = {"mu_s": (1.1, 1.3), "M_delta": (300.0, 500.0)}
@@ -107,14 +81,17 @@ _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
 _SLOWEST = 0.1  # m/s: at rest the single-track vehicle has no steady answer
 
 
-def context_of(theta: Array) -> Context:
-    """Parameters (B, 3) as vehicles."""
-    return Context(*theta.T.copy())
+def context_of(theta: Array, others: Sequence[str] = ()) -> Context:
+    """Parameters (B, p) as vehicles; after the first three they are the named ones."""
+    mu_s, M_delta, v_x, *columns = theta.T.copy()
+    return Context(mu_s, M_delta, v_x, dict(zip(others, columns, strict=True)))
 
 
 def theta_of(context: Context) -> Array:
-    """Vehicles as parameters (B, 3)."""
-    return np.stack([context.mu_s, context.M_delta, context.v_x], axis=1)
+    """Vehicles as parameters (B, p)."""
+    others = (context.others[name] for name in OTHERS if name in context.others)
+    columns = context.mu_s, context.M_delta, context.v_x, *others
+    return np.stack(columns, axis=1)
 
 
 def from_settings(**task: Any) -> Plant:
@@ -134,10 +111,10 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         False also accepts tasks for which no tuner can be trained, such as those whose vehicle
         in the middle of the prior is unstable: environments show them nevertheless.
     """
-    experiment, prior, vehicles = task.experiment, task.prior, Vehicles(task)
+    experiment, prior, vehicles = task.experiment, task.prior.ranges, Vehicles(task)
     straight = replace(task, twin=LinearTwin())
     return Plant(
-        prior={"mu_s": prior.mu_s, "M_delta": prior.M_delta, "v_x": prior.v_x},
+        prior=prior,
         measured={"v_x": SPEED_SLACK},
         simulate=vehicles.simulate,
         design=vehicles.design,
@@ -154,17 +131,17 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         crossover=task.target.crossover,
         plausible=(LARGEST_ANGLE, LARGEST_YAW_RATE),
         signals=("steering command [rad]", "yaw rate [rad/s]"),
-        labels=LABELS,
+        labels={name: LABELS[name] for name in prior},
         synonyms=SYNONYMS,
         cautions=CAUTIONS,
-        actuator=vehicles.actuator,
+        actuator=vehicles.actuator if vehicles.actuator_known else None,
         remarks=remarks,
-        messages=MESSAGES,
+        messages=messages(task.prior),
         record=vehicles.record,
-        sensitivity=vehicles.sensitivity if vehicles.linear else None,
+        sensitivity=vehicles.sensitivity if vehicles.exact_slopes else None,
         linear_model=None if vehicles.linear else yaw_rate(straight, check=check),
         search_limits=vehicles.limits(),
-        action_bounds=vehicles.action_bounds,
+        action_bounds=None if task.prior.others else vehicles.action_bounds,
         loop=vehicles.loop,
         display=DISPLAY,
         command_limits=COMMAND_LIMITS,
@@ -187,12 +164,13 @@ def remarks(u: Array, y: Array, measured: Mapping[str, Array]) -> list[str]:
 @lru_cache(maxsize=1)
 def _loops(task: Task, theta: bytes) -> Loops:
     """Keep the last, since reward and oracle are asked for the same vehicles."""
-    return loops(task, context_of(np.frombuffer(theta).reshape(-1, len(LABELS))))
+    others = task.prior.others
+    return loops(task, context_of(np.frombuffer(theta).reshape(-1, 3 + len(others)), others))
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicles:
-    """The functions of a task's plant, for parameters (mu_s, M_delta, v_x)."""
+    """The functions of a task's plant, for parameters (B, p)."""
 
     task: Task
 
@@ -201,11 +179,27 @@ class Vehicles:
         """Whether the twin is linear."""
         return self.task.twin.linear
 
+    @property
+    def exact_slopes(self) -> bool:
+        """Whether friction and mass are all that is unknown of vehicles of the sixth order."""
+        known = self.task.vehicle
+        delayed = known.dead_time > 0 or known.sensor_lag > 0
+        return self.linear and not self.task.prior.others and not delayed
+
+    @property
+    def actuator_known(self) -> bool:
+        """Whether all vehicles' actuators respond alike."""
+        return not {"omega_n", "xi", "dead_time"} & set(self.task.prior.others)
+
+    def context(self, theta: Array) -> Context:
+        """Parameters (B, p) as vehicles."""
+        return context_of(theta, self.task.prior.others)
+
     def simulate(self, theta: Array, u: Array, rng: Any) -> Array:
         """Noise-free yaw rates (B, N) from rest; nothing in a twin is random."""
         task, inputs = self.task, np.atleast_2d(u)
         y = np.empty((len(theta), inputs.shape[1]))
-        into = task.twin.simulator(task.vehicle, context_of(theta), inputs, task.experiment.Ts)
+        into = task.twin.simulator(task.vehicle, self.context(theta), inputs, task.experiment.Ts)
 
         def work(i: int, j: int) -> None:
             into(y[i:j], i, j)
@@ -215,7 +209,7 @@ class Vehicles:
 
     def record(self, theta: Array, u: Array, keys: Integers, out: Out) -> NDArray[np.floating]:
         """Measured yaw rates, as the environment has them."""
-        return respond(self.task, context_of(theta), u, keys, out)
+        return respond(self.task, self.context(theta), u, keys, out)
 
     def excite(self, integers: Integers) -> Array:
         """A random register for each."""
@@ -228,10 +222,9 @@ class Vehicles:
     @property
     def sensitivity(self) -> LogSensitivity:
         """Exact slopes of the linear vehicles' yaw rates."""
-        task, (friction, mass) = self.task, (self.task.prior.mu_s, self.task.prior.M_delta)
-        return LogSensitivity(
-            task.vehicle, task.experiment.Ts, friction[0] < friction[1], mass[0] < mass[1]
-        )
+        task, prior = self.task, self.task.prior
+        friction, mass = (min(ends) < max(ends) for ends in (prior.mu_s, prior.M_delta))
+        return LogSensitivity(task.vehicle, task.experiment.Ts, friction, mass)
 
     def design(self, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Gains (B, 2), and whether they reach the target; ``nan`` where no PI comes near it."""
@@ -245,7 +238,11 @@ class Vehicles:
         return np.stack(margins, axis=1), found.stable
 
     def actuator(self, signal: Array, Ts: float) -> Array:
-        """The steering actuator's response to a signal (N,)."""
+        """The steering actuator's response to a signal (N,), late by the dead time."""
+        late = self.task.vehicle.dead_time
+        if late > 0:
+            time = Ts * np.arange(len(signal))
+            signal = np.interp(time - late, time, signal)
         return actuated(signal, Ts, self.task.vehicle)
 
     def loop(self, theta: Array, gains: Array) -> ClosedLoop:
@@ -257,7 +254,7 @@ class Vehicles:
 
     def discrete(self, theta: Array, Ts: float) -> DiscretePlant:
         """The linear vehicles at a sampling time [s]."""
-        return plants(self.task.vehicle, context_of(theta), Ts)
+        return plants(self.task.vehicle, self.context(theta), Ts)
 
     def action_bounds(self) -> tuple[Array, Array]:
         """Log magnitudes and phases [rad] of the controller at the crossover, for agents.
@@ -265,10 +262,8 @@ class Vehicles:
         The magnitudes that vehicles of the prior need and half an octave more; most of the
         phases that a PI has, or nearly all of them where the prior needs them.
         """
-        prior = self.task.prior
-        grid = np.meshgrid(
-            *(np.linspace(*ends, 3) for ends in (prior.mu_s, prior.M_delta, prior.v_x))
-        )
+        ranges = self.task.prior.ranges.values()
+        grid = np.meshgrid(*(np.linspace(low, high, 3) for low, high in ranges))
         context = Context.of(*(axis.ravel() for axis in grid))
         found = loops(self.task, context)
         magnitude, phase = required_response(found.transfer_function, self.task.target)
@@ -292,8 +287,11 @@ class Vehicles:
             low, high = prior.M_delta
             spare = (high - low) / 2
             limits["M_delta"] = (max(low - spare, lightest), high + spare)
-        ranges = {name: getattr(prior, name) for name in limits}
+        for name in prior.others:
+            low, high = getattr(prior, name)
+            spare, (least, largest) = (high - low) / 2, bounds(name)
+            limits[name] = max(low - spare, low / 2, least), min(high + spare, largest)
         return {
-            name: (min(low, ranges[name][0]), max(high, ranges[name][1]))
+            name: (min(low, *prior.ranges[name]), max(high, *prior.ranges[name]))
             for name, (low, high) in limits.items()
         }

@@ -1,6 +1,6 @@
 """The nonlinear twin: episodes on saturating tyres."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
@@ -50,6 +50,15 @@ class NonlinearTwin:
                 names = ", ".join(kind.__slots__)  # type: ignore[attr-defined]
                 raise ValueError(f"{name} = {values!r}: give any of {names}, as numbers.") from None
         return cls(**built)
+
+    def check(self, vehicle: Vehicle, others: Sequence[str]) -> None:
+        """``ValueError`` with a dead time or a sensor lag, which only the linear twin has."""
+        for name in ("dead_time", "sensor_lag"):
+            if name in others or getattr(vehicle, name) > 0:
+                raise ValueError(
+                    f"{name} must be 0 and not in the prior with the nonlinear twin, which "
+                    "simulates none. Leave it out, or use the linear twin."
+                )
 
     def simulator(
         self, vehicle: Vehicle, context: Context, u: NDArray[np.float64], Ts: float

@@ -12,7 +12,7 @@ from yawrate_env.loop.discretisation import expm
 from yawrate_env.vehicle.nonlinear.body import GRAVITY, Body
 from yawrate_env.vehicle.nonlinear.steering import PIECE, PIECES, Limits
 from yawrate_env.vehicle.nonlinear.tyre import Tyre, friction
-from yawrate_env.vehicle.single_track import Context, Vehicle, total_mass
+from yawrate_env.vehicle.single_track import Context, Vehicle, constants, total_mass
 
 _STEP = 0.08
 """Greatest step in units of the fastest time constant."""
@@ -45,6 +45,7 @@ def packed(
 ) -> NDArray[np.float64]:
     """The workspace's columns of B vehicles at rest, (B, ROWS)."""
     mass = total_mass(vehicle, context)
+    vehicle = constants(vehicle, context)
     work = np.zeros((len(context), ROWS))
     wheelbase = vehicle.l_f + vehicle.l_r
     load = mass / vehicle.M_0
@@ -76,7 +77,9 @@ def packed(
         validation.number("steps of integration a sample", steps.max(), at_most=_MOST_STEPS,
                           remedy="Shorten the sampling time, or soften the vehicle.")  # fmt: skip
     work[:, STEPS], work[:, STEP] = steps, Ts / steps
-    actuator = np.array([[0.0, 1.0], [-(vehicle.omega_n**2), -2 * vehicle.xi * vehicle.omega_n]])
+    actuator = np.zeros((len(context), 2, 2))
+    actuator[:, 0, 1], actuator[:, 1, 0] = 1.0, -(vehicle.omega_n**2)
+    actuator[:, 1, 1] = -2 * vehicle.xi * vehicle.omega_n
     halves = expm(actuator * work[:, STEP, None, None] / 2)
     work[:, HALF : HALF + 4] = halves.reshape(-1, 4)
     work[:, HALF + 4 : HALF + 8] = (halves @ halves).reshape(-1, 4)
@@ -86,6 +89,7 @@ def packed(
 def _fastest(vehicle: Vehicle, body: Body, context: Context) -> NDArray[np.float64]:
     """An upper estimate of the fastest dynamics, (B,) [1/s]."""
     v, mu_s, mass = context.v_x, context.mu_s, total_mass(vehicle, context)
+    vehicle = constants(vehicle, context)
     rates = [np.full_like(v, r) for r in (vehicle.omega_n, 2 * vehicle.xi * vehicle.omega_n)]
     rates.append(np.full_like(v, 1 / body.roll_lag))
     for C, length, relax in (

@@ -1,0 +1,69 @@
+"""The vehicle's words: columns of logs, and what checks of a recording say where they fail."""
+
+import numpy as np
+
+from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
+from yawrate_env.vehicle.task import Prior
+
+HAND_WHEEL = ("handwheelangle", "steeringwheelangle", "swa", "lenkwinkel")
+"""Column names of angles before the steering gear."""
+
+SYNONYMS = {
+    "input": (
+        "steer", "steering", "steercmd", "steeringcmd", "steercommand", "command", "cmd", "u",
+        "delta", "deltaf", "deltacmd", "deltafcmd", "steerangle", "steeringangle",
+        "roadwheelangle", "rwa", *HAND_WHEEL,
+    ),
+    "output": (
+        "yaw", "r", "y", "yawvelocity", "yawspeed", "gyroz", "wz", "omegaz", "psidot",
+        "gierrate", "yawratemeas", "measuredyawrate",
+    ),
+    "v_x": (
+        "v", "velocity", "vehiclespeed", "carspeed", "egospeed", "geschwindigkeit",
+    ),
+}  # fmt: skip
+"""Names of columns in logs, the first preferred."""
+
+CAUTIONS = dict.fromkeys(
+    HAND_WHEEL,
+    "sounds like the hand wheel, and no --steer-ratio is given: it is taken as the road wheel.",
+)
+
+MESSAGES = {
+    "implausible": f"Steering beyond {np.degrees(LARGEST_ANGLE):.0f} deg or a yaw rate beyond "
+    f"{LARGEST_YAW_RATE:g} rad/s: check the units.",
+    "misfit": "No vehicle in the prior reproduces this recording: check units, signs, sampling "
+    "time, delays between the channels, speed and the vehicle's data.",
+    "response": "At the crossover the recording responds otherwise than the fitted vehicle: "
+    "check speed, sampling time and the vehicle's data.",
+    "noise": "The yaw rate hardly follows the command: too little steering, a dead or noisy "
+    "sensor, or the sensor of another vehicle.",
+    "colour": "Something other than the command moves the yaw rate around the crossover: a "
+    "disturbance, a drift or a sensor fault.",
+    "outside": "The fitted vehicle lies outside the range that the tuner was made for.",
+    "phase_margin_error": "With the fitted vehicle these gains miss the target.",
+    "crossover_error": "With the fitted vehicle these gains miss the target.",
+    "unsolved": "The target cannot be reached, or the numerics did not converge.",
+    "speed": "The recording's speed is not one that the tuner was made for: train one for it, "
+    "or use one for every speed.",
+}
+
+_ALIKE = (
+    {"mu_s", "M_delta", "J_z"},
+    {"C_f", "C_r", "M_delta", "J_z"},
+    {"mu_s", "C_f", "C_r"},
+)
+"""Parameters that, scaled together or against each other, leave every response as it is."""
+
+
+def messages(prior: Prior) -> dict[str, str]:
+    """Checks to their sentences, for vehicles of this prior."""
+    unknown = {name for name, (low, high) in prior.ranges.items() if low < high}
+    for names in _ALIKE:
+        if names <= unknown:
+            said = (
+                f"No recording can tell {', '.join(sorted(names))} apart, since only ratios of "
+                "stiffness, mass and inertia show in it: give one of them as a number."
+            )
+            return MESSAGES | {"phase_margin_spread": said, "crossover_spread": said}
+    return MESSAGES
