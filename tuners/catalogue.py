@@ -12,6 +12,7 @@ from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
 from tuners.tuner import tuner_file
+from tuners.tuner.direct import FictitiousReference, VirtualReference
 from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
 from tuners.tuner.recording import Recording
@@ -57,7 +58,13 @@ every speed."""
 SPEEDS = {"ts-ff-lag-vx": (10.0, 33.0)}
 """Speeds that a recipe is for, if not the paper's vehicle at one speed [m/s]."""
 
-UNTRAINED: dict[str, type[Method]] = {"gb": GrayBox, "oracle": Oracle, "nominal": Nominal}
+UNTRAINED: dict[str, type[Method]] = {
+    "gb": GrayBox,
+    "vrft": VirtualReference,
+    "frit": FictitiousReference,
+    "oracle": Oracle,
+    "nominal": Nominal,
+}
 """The tuners that need no training."""
 
 NAMES = (*RECIPES, *UNTRAINED, "rl")

@@ -13,7 +13,7 @@ from yawrate_env.plant.plant import Plant
 Array = NDArray[np.float64]
 
 
-class _Untrained:
+class Untrained:
     """A method without anything learned."""
 
     any_experiment = True
@@ -33,7 +33,7 @@ class _Untrained:
         return cls()
 
 
-class GrayBox(_Untrained):
+class GrayBox(Untrained):
     """Identify the plant from the recording, then apply the design rule."""
 
     kind: ClassVar[str] = "gray-box"
@@ -47,7 +47,7 @@ class GrayBox(_Untrained):
         return Gains.of(*plant.designs(found.theta), found.converged)
 
 
-class Oracle(_Untrained):
+class Oracle(Untrained):
     """Apply the design rule to the true plant, where the recording shows it."""
 
     kind: ClassVar[str] = "oracle"
@@ -64,7 +64,7 @@ class Oracle(_Untrained):
         return Gains.of(*plant.designs(known), np.ones(len(recording), dtype=np.bool_))
 
 
-class Nominal(_Untrained):
+class Nominal(Untrained):
     """Give the fixed gains of the plant in the middle of the prior."""
 
     kind: ClassVar[str] = "nominal"
