@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 _TANGENTS = 1e-3, 1e2  # of the lag at the crossover: from 0.06 to 89.4 degrees
 _GRID, _STEPS = 16, 60
-_SETTLED = 1e-9  # of log r
+_SETTLED = 1e-11  # of log r
 _ROUNDED = 1e-13  # of the output's energy
 
 
