@@ -17,7 +17,7 @@ from yawrate_env.loop.design import LEAST_LAG, Status
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.parametrisation import loop
 from yawrate_env.signals.excitation import prbs
-from yawrate_env.vehicle.task import Task
+from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 TARGETS = [
@@ -158,6 +158,30 @@ def test_every_default_vehicle_is_stable_and_near_the_target(name, margin, cross
     assert stable.all() and found.converged.all() and (found.status == Status.OK).all()
     rms = np.sqrt(np.mean((metrics[:, :2] - [60.0, 1.5]) ** 2, axis=0))
     assert (rms < [margin, crossover]).all()
+
+
+@pytest.mark.parametrize("kind", [VirtualReference, FictitiousReference])
+def test_the_weight_is_what_brings_the_margins_near(kind):
+    """Over all frequencies one reference loop is wrong for most vehicles (docs/direct.md)."""
+    test, plant = recorded(64), yaw_rate(Task())
+    flat, weighed = (
+        np.abs(plant.errors(test.known, kind(q).gains(plant, test).values)[:, 0])
+        for q in (None, 8.0)
+    )
+    assert np.nanmedian(flat) > 5.0 > 10 * np.median(weighed)
+
+
+@pytest.mark.parametrize("kind", [VirtualReference, FictitiousReference])
+def test_all_samples_of_a_fast_recording_count(kind):
+    """Ten times as many as the controller's, against noise that every tenth alone would let in."""
+    experiment = Experiment(snr_db=10.0)
+    test, plant = recorded(64, experiment), yaw_rate(Task(experiment=experiment))
+    tenth = Recording(test.u[:, ::10], test.y[:, ::10], 0.01)
+    rms = [
+        np.sqrt(np.mean(plant.errors(test.known, kind().gains(plant, r).values)[:, 0] ** 2))
+        for r in (test, tenth)
+    ]
+    assert rms[0] < 0.6 * rms[1]
 
 
 @pytest.mark.parametrize("kind", [VirtualReference, FictitiousReference])
