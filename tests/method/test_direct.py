@@ -168,7 +168,7 @@ def test_the_weight_is_what_brings_the_margins_near(kind):
         np.abs(plant.errors(test.known, kind(q).gains(plant, test).values)[:, 0])
         for q in (None, 8.0)
     )
-    assert np.nanmedian(flat) > 5.0 > 10 * np.median(weighed)
+    assert np.nanmedian(flat) > 5.0 and np.median(weighed) < 1.0
 
 
 @pytest.mark.parametrize("kind", [VirtualReference, FictitiousReference])

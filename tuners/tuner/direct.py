@@ -23,8 +23,8 @@ biased.
 **Weight.**  With two gains a PI gives few plants the reference loop at all frequencies, and the
 best compromise may miss the margins by far: the loops of the paper's vehicles have half the
 reference loop's gain at low frequencies and more lag above the crossover.  Margins are decided at
-the crossover, so W is a band-pass there, two resonators in series.  `QUALITY` was chosen on
-episodes of the ``train`` set.
+the crossover, so W is a band-pass there, two resonators in series; docs/direct.md says how it
+was chosen, and what both methods give with W = 1.
 
 **Sampling.**  The controller has a sampling time of its own, n samples of the recording.  Behind
 its hold the plant answers as it does at the recording's rate to the mean of n samples, but for
