@@ -17,7 +17,7 @@ from studies.program import counted, folders, program, seed
 from tuners.cli.progress import Bars
 from yawrate_env.vehicle.task import Task
 
-NAMES = ("ts-gbm", "ts-ff", "ts-gbm-lag", "ts-ff-lag", "ts-ff-lag-vx", "gb", "rl")
+NAMES = ("ts-gbm", "ts-ff", "ts-gbm-lag", "ts-ff-lag", "ts-ff-lag-vx", "gb", "vrft", "frit", "rl")
 EDGES = [10.0, 13.0, 16.0, 19.0, 22.0, 25.0, 28.0, 31.0, 33.0]
 SPEEDS = np.arange(10.0, 33.5).tolist()
 CLAIMED = (20.0, 13.0, 30.0)

@@ -12,6 +12,7 @@ from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
 from tuners.tuner import tuner_file
+from tuners.tuner.direct import FictitiousReference, VirtualReference
 from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
 from tuners.tuner.recording import Recording
@@ -60,6 +61,8 @@ SPEEDS = {"ts-ff-lag-vx": (10.0, 33.0)}
 UNTRAINED: dict[str, type[Method]] = {
     "gb": GrayBox,
     "bb": BlackBoxRule,
+    "vrft": VirtualReference,
+    "frit": FictitiousReference,
     "oracle": Oracle,
     "nominal": Nominal,
 }

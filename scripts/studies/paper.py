@@ -86,8 +86,8 @@ def trained(plant: Plant, episodes: int, seed: int, progress: Progress) -> dict[
                 name, plant, episodes=episodes, seed=seed, calibration=0, progress=progress,
                 data=data,
             )  # fmt: skip
-    order = ("gb", "ts-ff", "ts-gbm", "ts-ff-gains", "ts-gbm-gains", "nominal", "oracle")
-    return {name: tuners[name] for name in order}
+    order = ("gb", "ts-ff", "ts-gbm", "ts-ff-gains", "ts-gbm-gains")
+    return {name: tuners[name] for name in (*order, "vrft", "frit", "nominal", "oracle")}
 
 
 def draw_figures(

@@ -70,8 +70,9 @@ Made by `make results`; edits are overwritten. The same numbers for programs:
 - **`extrapolation`** has vehicles outside the training data, with more friction and mass at once:
   {beyond}.
   `nominal` and the learned tuners are made for the prior; `gb` assumes the equations of motion
-  only, and `oracle` knows the vehicle. A tuner that falls far behind `gb` here does not
-  extrapolate: boosted trees, for example, predict what they predict at the edge of their data.
+  only, `vrft` and `frit` assume no vehicle, and `oracle` knows it. A tuner that falls far behind
+  `gb` here does not extrapolate: boosted trees, for example, predict what they predict at the edge
+  of their data.
 
 ## Your own policy
 

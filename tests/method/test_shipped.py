@@ -23,6 +23,7 @@ BLIND = [n for n in tuners.NAMES if n not in ("oracle", *SPEEDS)]  # the recordi
 NEAR = {"gb": (0.05, 0.0015), "ts-ff": (0.36, 0.009), "ts-gbm": (2.1, 0.06)}
 NEAR |= {"ts-ff-gains": (3.0, 0.05), "ts-gbm-gains": (5.0, 0.05), "nominal": (10.0, 0.6)}
 NEAR |= {"ts-ff-lag": (0.06, 0.0015), "ts-gbm-lag": (0.06, 0.0015), "rl": (1.0, 0.05)}
+NEAR |= {"vrft": (2.4, 0.03), "frit": (2.0, 0.045)}
 SLOW_TO_PACK = ("ts-gbm", "ts-gbm-gains")  # seconds each, and stored like ts-gbm-lag
 
 
@@ -71,7 +72,7 @@ def test_recorded_episodes_give_good_gains(name):
     assert (errors(actions) < NEAR[name]).all()
 
 
-@pytest.mark.parametrize("name", ["gb", "ts-ff", "ts-gbm", "rl"])
+@pytest.mark.parametrize("name", ["gb", "vrft", "frit", "ts-ff", "ts-gbm", "rl"])
 def test_batch_single_and_log_agree_on_inputs_of_their_own(name):
     obs = observations(recorded(3, Experiment(register="random")))
     tuner = tuners.load(name)

@@ -192,7 +192,7 @@ def test_the_whole_paper_in_small(called, tmp_path):
     table = json.loads((results / "table3.json").read_text())
     names = [row["tuner"] for row in table["rows"]]
     assert names[:3] == ["gb", "ts-ff", "ts-gbm"] and names[-1] == "posterior spread"
-    assert {"ts-ff-gains", "ts-gbm-gains", "nominal", "oracle"} < set(names)
+    assert {"ts-ff-gains", "ts-gbm-gains", "vrft", "frit", "nominal", "oracle"} < set(names)
     assert table["rows"][0]["unstable"] == 0 and table["rows"][0]["phase_margin"]["std"] < 0.02
     assert (results / "table3.md").read_text().strip() == out.strip()
     rows = (results / "episodes.csv").read_text().splitlines()
@@ -256,7 +256,7 @@ def test_make_results_with_the_pages_own_example(called, tmp_path, monkeypatch):
     saved = json.loads((tmp_path / "mine" / "scoreboard.json").read_text())
     shipped = {path.stem for path in MODELS.glob("*.tuner")}
     names = {row["tuner"] for row in saved["rows"]}
-    assert names == shipped | {"gb", "oracle", "nominal", "my_agent:Fixed"}
+    assert names == shipped | {"gb", "vrft", "frit", "oracle", "nominal", "my_agent:Fixed"}
     assert len(saved["rows"]) == 2 * len(names)
 
 

@@ -332,7 +332,7 @@ def _weighted(
     near = np.arange(len(left)) / (length * model.Ts * target.crossover)
     here = (near > _NEAR[0]) & (near < _NEAR[1])
     freedom = max(2 * left[here].sum(), 1.0)
-    stronger = spectrum[here].mean() > _STRONG * power.mean()
+    stronger = spectrum[here].mean() > _STRONG * power.mean() * model.oversampled
     doubt = (1 + (_FEW / freedom) ** 2) ** 2 if stronger else 1.0
     J = _slopes(c[None], at)
     middle = found.estimator @ reduced[None, :-1, :-1] @ found.estimator + found.hidden
@@ -374,7 +374,8 @@ def _spectrum(
     fitted = max(count[:-1].sum(), 1)
     taken = np.where(np.arange(len(count)) < len(_BANDS), 1 - min(n / 2 / fitted, 0.5), 1.0)
     sums = np.stack([power[:, band == b].sum(axis=1) for b in range(len(count))], axis=1)
-    overall = sums.sum(axis=1, keepdims=True) / (len(frequency) - min(n / 2, len(frequency) / 2))
+    left = len(frequency) - min(n / 2, len(frequency) / 2)
+    overall = sums.sum(axis=1, keepdims=True) / left * model.oversampled
     with np.errstate(divide="ignore", invalid="ignore"):
         level = sums / (count * taken)
         coloured = level > overall * (1 + _COLOURED / np.sqrt(count))

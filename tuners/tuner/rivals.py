@@ -16,7 +16,7 @@ from yawrate_env.plant.plant import Plant
 Array = NDArray[np.float64]
 
 
-class _Untrained:
+class Untrained:
     """A method without anything learned."""
 
     any_experiment = True
@@ -37,7 +37,7 @@ class _Untrained:
         return cls()
 
 
-class GrayBox(_Untrained):
+class GrayBox(Untrained):
     """Identify the plant from the recording, then apply the design rule."""
 
     kind: ClassVar[str] = "gray-box"
@@ -51,7 +51,7 @@ class GrayBox(_Untrained):
         return Gains.of(*plant.designs(found.theta), found.converged)
 
 
-class BlackBoxRule(_Untrained):
+class BlackBoxRule(Untrained):
     """Apply the design rule to the response that the recording shows (`tuners.trust.response`).
 
     It needs no simulator, no data of the plant and no measured parameter: only that the plant is
@@ -82,7 +82,7 @@ def loop_target(plant: Plant) -> Target:
     return plant.loop_target
 
 
-class Oracle(_Untrained):
+class Oracle(Untrained):
     """Apply the design rule to the true plant, where the recording shows it."""
 
     kind: ClassVar[str] = "oracle"
@@ -99,7 +99,7 @@ class Oracle(_Untrained):
         return Gains.of(*plant.designs(known), np.ones(len(recording), dtype=np.bool_))
 
 
-class Nominal(_Untrained):
+class Nominal(Untrained):
     """Give the fixed gains of the plant in the middle of the prior."""
 
     kind: ClassVar[str] = "nominal"

@@ -50,7 +50,7 @@ class Tuner:
     plant : Plant
         The plant that it tunes.
     method : Method
-        Finds the gains: both stages, trained, or one of `tuners.tuner.rivals`.
+        Finds the gains: both stages, trained, or one of `rivals` or `direct`.
     training : dict, optional
         How it was trained, kept for the record.
     calibration : tuple of float, optional
