@@ -7,8 +7,9 @@ import numpy as np
 
 from tuners.tuner.recording import Recording
 from yawrate_env.plant import episodes
+from yawrate_env.vehicle.single_track import context_of
 from yawrate_env.vehicle.task import Experiment, Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 ROOT = Path(__file__).parents[1]
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from tuners.features.laguerre import Laguerre
 from tuners.tuner.recording import Recording
 from yawrate_env.batch import take
-from yawrate_env.vehicle.single_track import Context, state_space, total_mass
+from yawrate_env.vehicle.single_track import Context, context_of, state_space, total_mass
 from yawrate_env.vehicle.task import Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 

@@ -27,9 +27,9 @@ from yawrate_env.batch import take
 from yawrate_env.compiled import LANES
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.vehicle.episode import plants
-from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.single_track import Context, context_of
 from yawrate_env.vehicle.task import Experiment, Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Progress = Callable[[str, int, int], None]
 

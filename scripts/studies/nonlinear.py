@@ -21,9 +21,10 @@ from tuners.tuner.evaluation import Evaluation, evaluate
 from tuners.tuner.training import assessed
 from yawrate_env.vehicle.nonlinear import NonlinearTwin, Tyre
 from yawrate_env.vehicle.nonlinear.time_domain import time_domain
+from yawrate_env.vehicle.single_track import context_of
 from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.twin import LinearTwin
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]

@@ -21,9 +21,9 @@ from studies.nonlinear_reference import solve
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, cores, over_blocks
 from yawrate_env.vehicle.nonlinear import NonlinearTwin
-from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.single_track import Context, context_of
 from yawrate_env.vehicle.task import Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]

@@ -23,8 +23,9 @@ from yawrate_env.loop import closed_loop
 from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.manoeuvre import double_lane_change
+from yawrate_env.vehicle.single_track import context_of
 from yawrate_env.vehicle.task import Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 SHOWN = ("gb", "ts-ff", "ts-gbm")
 """The three methods of the paper's figures."""

@@ -14,9 +14,9 @@ from tuners.tuner.rivals import GrayBox
 from yawrate_env.plant.episodes import Draw, integers_of, recorded, sample
 from yawrate_env.signals.streams import stream
 from yawrate_env.vehicle.sensitivity import output_gram
-from yawrate_env.vehicle.single_track import Vehicle
+from yawrate_env.vehicle.single_track import Vehicle, context_of
 from yawrate_env.vehicle.task import Prior, Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 M_0 = Vehicle().M_0
 

@@ -11,9 +11,9 @@ from tuners.trust.bound import cramer_rao, parameter_covariance
 from tuners.trust.identification import output_slopes
 from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.sensitivity import output_gram
-from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.single_track import Context, context_of
 from yawrate_env.vehicle.task import Experiment, Prior, Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 PLANT = yaw_rate(Task())
 CORNERS = np.array([[0.7, 150.0, 20.0], [1.0995, 299.8, 20.0], [0.3002, 0.1, 20.0]])

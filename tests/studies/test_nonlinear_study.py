@@ -12,7 +12,8 @@ from studies.draws import draw
 from studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, ORACLE, Score
 from tuners import RECIPES
 from yawrate_env.batch import take
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.single_track import context_of
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 NAMES = (LINEAR, GRAY, NONLINEAR, MISTAKEN, ORACLE)
 

@@ -13,9 +13,9 @@ from yawrate_env.plant.episodes import recorded, sample
 from yawrate_env.plant.fingerprint import fingerprint
 from yawrate_env.vehicle.nonlinear import NonlinearTwin
 from yawrate_env.vehicle.nonlinear.time_domain import time_response
-from yawrate_env.vehicle.single_track import OTHERS, Context, Vehicle
+from yawrate_env.vehicle.single_track import OTHERS, Context, Vehicle, context_of, theta_of
 from yawrate_env.vehicle.task import Experiment, Prior, Task
-from yawrate_env.vehicle.yaw_rate import LABELS, context_of, theta_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import LABELS, yaw_rate
 
 SHORT = Experiment(N=1000)
 OTHER = {

@@ -14,9 +14,9 @@ from yawrate_env.loop.simulation import simulate
 from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.discrete import plants
 from yawrate_env.vehicle.episode import loops
-from yawrate_env.vehicle.single_track import Context, Vehicle, state_space
+from yawrate_env.vehicle.single_track import Context, Vehicle, context_of, state_space
 from yawrate_env.vehicle.task import Experiment, Prior, Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 DEAD = (0.0, 0.004, 0.01, 0.0137, 0.0399, 0.2, 0.5)
 CONTEXT = Context.of(np.linspace(0.4, 1.0, len(DEAD)), 100.0, 20.0, dead_time=DEAD)

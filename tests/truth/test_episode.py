@@ -12,8 +12,9 @@ from yawrate_env.plant.episodes import Draw, integers_of
 from yawrate_env.signals.noise import standard_normal
 from yawrate_env.signals.streams import stream
 from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.single_track import context_of
 from yawrate_env.vehicle.task import Experiment, Prior, Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 INTEGERS = integers_of(yaw_rate(Task()))
 LOW, HIGH = np.zeros((1, INTEGERS), np.uint64), np.full((1, INTEGERS), 2**64 - 1, np.uint64)

@@ -12,8 +12,9 @@ from yawrate_env.plant.pi_loop import PILoop
 from yawrate_env.signals.excitation import prbs
 from yawrate_env.signals.streams import stream
 from yawrate_env.vehicle.episode import loops
+from yawrate_env.vehicle.single_track import context_of
 from yawrate_env.vehicle.task import Experiment, Task
-from yawrate_env.vehicle.yaw_rate import context_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 TARGET = Target(phase_margin=50.0, crossover=1.0, Ts=0.02)
 TASK = Task(experiment=Experiment(Ts=0.004, N=2500))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tuners.cli.text import forms_of, gain_units
+from tuners.cli.text import RUNGS, forms_of, gain_units
 from tuners.export.gains import plant_settings
 from tuners.logs import Log
 from tuners.tuner.result import Result
@@ -24,16 +24,23 @@ def as_json(result: Result, log: Log, tuner: str) -> dict[str, Any]:
     plant, forms = result.plant, forms_of(result)
     gains = _bare(result.gains)
     metrics = _bare({name: asdict(interval) for name, interval in result.intervals.items()})
+    exact = _bare({name: asdict(interval) for name, interval in result.exact_intervals.items()})
     settings = plant_settings(plant)
     keys = {
         "trusted": result.trusted,
+        "verdict": result.verdict.value,
+        "answered_by": RUNGS[result.rung],
+        "left": result.left,
         "reasons": result.reasons,
         "notes": result.notes,
         **metrics,
         "status": result.status.name.lower(),
         "converged": result.converged,
         "fallback": _bare(result.fallback),
-        "checks": [asdict(check) | {"passed": check.passed} for check in result.checks],
+        "checks": [
+            asdict(check) | {"passed": check.passed, "verdict": check.verdict.value}
+            for check in result.checks
+        ],
         "forms": None if forms is None else asdict(forms),
         "target": settings["target"],
         "tuner": tuner,
@@ -41,6 +48,7 @@ def as_json(result: Result, log: Log, tuner: str) -> dict[str, Any]:
         "fit": _fit(result),
         "gains": gains,
         "metrics": metrics,
+        "metrics_if_plant_exact": exact,
         "parameters": _bare(result.fit.parameters),
         "deviations": _bare(result.fit.deviations),
         "units": _units(plant),

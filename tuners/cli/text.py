@@ -5,31 +5,57 @@ from collections.abc import Mapping
 
 from tuners.export.forms import Forms
 from tuners.logs import Log
-from tuners.trust.verdict import Check
 from tuners.trust.intervals import Interval
+from tuners.trust.verdict import Check, Verdict
+from tuners.tuner.method import Rung
 from tuners.tuner.result import Result
 from yawrate_env.plant.names import split, valued
 from yawrate_env.plant.plant import Plant
 
+RUNGS = {
+    Rung.METHOD: "tuner",
+    Rung.FITTED_PLANT: "fitted plant",
+    Rung.BLACK_BOX: "black box",
+    Rung.NONE: "none",
+}
+"""Whose gains a result has."""
+
+VERDICTS = {
+    Verdict.USABLE: "USABLE",
+    Verdict.USABLE_WITH_CARE: "USABLE WITH CARE",
+    Verdict.REFUSE: "REFUSED",
+}
+
 
 def as_text(result: Result, log: Log) -> str:
-    """A few aligned lines; predicted metrics only where they are trusted."""
+    """The verdict and its reasons, then aligned lines; metrics only where gains are usable."""
     plant, forms = result.plant, forms_of(result)
     units = gain_units(plant)
     rows = [(split(name)[0], quantity(v, units[name])) for name, v in result.gains.items()]
     if result.trusted:
         rows += [(metric_name(n), between(i, unit_of(n))) for n, i in result.intervals.items()]
-    if result.trusted and forms is not None:
-        rows.append(("every", f"{1e3 * forms.Ts:g} ms: {forms.equation}"))
+        rows.append(("from", answered_by(result)))
+        if forms is not None:
+            rows.append(("every", f"{1e3 * forms.Ts:g} ms: {forms.equation}"))
     width = max(len(name) for name, _ in rows) + 2
     table = [f"  {name:<{width}}{value}" for name, value in rows]
-    if result.trusted:
-        verdict = [*table, "", "Trusted: every check passed."]
-    else:
-        reasons = (f"  - {explained(reason, result.checks)}" for reason in result.reasons)
-        verdict = ["NOT TRUSTED", *reasons, "", *table, "", fallback_text(result.fallback, units)]
+    reasons = [f"  - {explained(reason, result.checks)}" for reason in result.reasons]
+    parts = [VERDICTS[result.verdict], *reasons, "", *table]
+    if not result.trusted:
+        parts += ["", fallback_text(result.fallback, units)]
     notes = ["", "Notes", *(f"  - {note}" for note in result.notes)] if result.notes else []
-    return "\n".join([f"{log.source}: {described(log, plant)}", "", *verdict, *notes])
+    return "\n".join([f"{log.source}: {described(log, plant)}", "", *parts, *notes])
+
+
+def answered_by(result: Result) -> str:
+    """Whose gains these are."""
+    words = {
+        Rung.METHOD: "the tuner, confirmed by the plant fitted to the recording",
+        Rung.FITTED_PLANT: "the plant fitted to the recording",
+        Rung.BLACK_BOX: "the recording's own response, without the plant's data",
+        Rung.NONE: "nothing",
+    }
+    return words[result.rung]
 
 
 def described(log: Log, plant: Plant) -> str:

@@ -10,13 +10,17 @@ import click
 from tuners.cli.arguments import READABLE, Output, example, refuse_overwriting
 from tuners.cli.log_options import log_options
 from tuners.cli.sources import load_tuner
-from tuners.logs import Log, Options, SelectionError, read_log
+from tuners.logs import Log, MissingParameterError, Options, SelectionError, read_log
 from tuners.trust.black_box import STARTS
+from tuners.trust.verdict import Verdict
 from tuners.tuner.result import Result
 from tuners.tuner.tuner import Tuner
 
 DEFAULT = "ts-ff-lag-vx"
-UNTRUSTED = 3
+WITHOUT = "bb"
+"""What tunes by default, and what does without a measured parameter."""
+
+REFUSED = 3
 
 
 @click.command(epilog=example("yawrate tune log.csv --input-unit deg --report report.html"))
@@ -27,20 +31,26 @@ UNTRUSTED = 3
     type=click.Choice(STARTS),
     default="auto",
     show_default=True,
-    help="Whether the recording starts from rest without offsets, or both are estimated; "
-    "auto decides by the data.",
+    help="Whether the recording starts from rest without offsets, at an operating point (offset), "
+    "or anyhow; auto decides by the data.",
 )
 @click.option(
     "--tuner",
-    default=DEFAULT,
-    show_default=True,
     metavar="NAME|FILE",
-    help="A tuner that the package ships, or a file of `yawrate train`.",
+    help="A tuner that the package ships, or a file of `yawrate train`; by default "
+    f"{DEFAULT}, or {WITHOUT} where the log gives no speed.",
 )
 @click.option("--report", type=Output(".html"), help="Write a report to this HTML file.")
+@click.option("--strict", is_flag=True, help="Exit with 3 also where gains need care.")
 @click.option("--json", "machine", is_flag=True, help="Print one JSON object.")
 def command(
-    log: Path, options: Options, start: str, tuner: str, report: Path | None, machine: bool
+    log: Path,
+    options: Options,
+    start: str,
+    tuner: str | None,
+    report: Path | None,
+    strict: bool,
+    machine: bool,
 ) -> None:
     """Tune a controller from a LOG of a plant's input and output.
 
@@ -48,12 +58,11 @@ def command(
     plant calls its signals and measured parameters (u and y; for a vehicle steer, yaw_rate
     and speed), or similarly, need no flags.  Of a long log the best-excited stretch is used.
 
-    Exit status: 0 trusted, 3 not trusted, 1 unusable data, 2 wrong usage.
+    Exit status: 0 usable, with care or without, 3 refused, 1 unusable data, 2 wrong usage.
     """
     refuse_overwriting(report, log, tuner)
-    trained = load_tuner(tuner)
     try:
-        recording = read_log(log, trained.plant, options)
+        tuner, trained, recording = _read(log, options, tuner)
     except SelectionError as error:
         raise click.UsageError(str(error)) from None
     result = tuned(trained, recording, start, options.input_scale)
@@ -68,7 +77,21 @@ def command(
         from tuners.cli.report import write_report
 
         write_report(report, result, recording, tuner)
-    sys.exit(0 if result.trusted else UNTRUSTED)
+    enough = result.verdict is Verdict.USABLE if strict else result.trusted
+    sys.exit(0 if enough else REFUSED)
+
+
+def _read(log: Path, options: Options, name: str | None) -> tuple[str, Tuner, Log]:
+    """The tuner's name, the tuner and the log; by default the one that the log suffices for."""
+    chosen = name or DEFAULT
+    trained = load_tuner(chosen)
+    try:
+        return chosen, trained, read_log(log, trained.plant, options)
+    except MissingParameterError:
+        if name is not None:
+            raise
+    trained = load_tuner(WITHOUT)
+    return WITHOUT, trained, read_log(log, trained.plant, options)
 
 
 def tuned(tuner: Tuner, log: Log, start: str, input_scale: float) -> Result:

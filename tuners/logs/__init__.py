@@ -6,6 +6,6 @@ what may stand for them; code for one plant, and tuning, do not belong here.
 
 from tuners.logs.log import Log, read_log
 from tuners.logs.options import Options
-from tuners.logs.table import LogError, SelectionError
+from tuners.logs.table import LogError, MissingParameterError, SelectionError
 
-__all__ = ["Log", "LogError", "Options", "SelectionError", "read_log"]
+__all__ = ["Log", "LogError", "MissingParameterError", "Options", "SelectionError", "read_log"]

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tuners.logs.table import Array, LogError
+from tuners.logs.table import Array, LogError, MissingParameterError
 from tuners.tuner.recording import UNSTEADY, variation
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -40,7 +40,7 @@ def _only(plant: Plant, name: str) -> float:
     if low != high:
         said = words if words.isidentifier() else name
         covered = f"{low:g} to {high:g} {unit}".rstrip()
-        raise LogError(
+        raise MissingParameterError(
             f"No column looks like {words}, and this tuner covers {covered}. Give its value or its "
             f"column, as in --measured {said}={high:g}."
         )

@@ -13,6 +13,10 @@ class LogError(ValueError):
     """A recording that cannot be used."""
 
 
+class MissingParameterError(LogError):
+    """A measured parameter that the tuner needs is neither in the file nor given."""
+
+
 class SelectionError(ValueError):
     """A choice of columns or of a stretch that this recording does not have."""
 

@@ -90,12 +90,16 @@ class BlackBox:
         """Signals (B, m, N) without what offset, trend and free response could explain."""
         if not self.unknown.any():
             return signals
-        Z, _ = free_responses(self.functions, signals.shape[2], self.Ts)
         left = signals.copy()
         for i in np.flatnonzero(self.unknown):
-            some = Z[: self.extra[i]]
-            left[i] -= combined(products(signals[i], some), some)
+            left[i] = self.projected_like(i, signals[i])
         return left
+
+    def projected_like(self, i: int, signals: Array) -> Array:
+        """Signals (m, N) without what offset, trend and free response of recording `i` could."""
+        Z, _ = free_responses(self.functions, signals.shape[1], self.Ts)
+        some = Z[: self.extra[i]]
+        return signals - combined(products(signals, some), some) if len(some) else signals
 
 
 def functions_for(plant: Plant) -> Laguerre:
@@ -235,9 +239,7 @@ class _Level:
     def where(self, needed: NDArray[np.bool_], other: "_Level") -> "_Level":
         """These, and `other` where it is needed (B,)."""
         pairs = ((getattr(other, name), getattr(self, name)) for name in self.__slots__)
-        parts = (
-            np.where(needed.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs
-        )
+        parts = (np.where(needed.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs)
         return _Level(*parts)
 
 

@@ -18,7 +18,7 @@ from tuners.trust.fit import Fit, most_coloured
 from tuners.trust.identification import central
 from tuners.trust.intervals import GAUSSIAN
 from tuners.trust.response import Response
-from tuners.trust.verdict import Check, Finding, Verdict, worst
+from tuners.trust.verdict import Check, Finding, Verdict
 from yawrate_env.plant.names import check_name, split
 from yawrate_env.plant.plant import Plant
 
@@ -96,10 +96,10 @@ MESSAGES = {
     "colour": "Something other than the input moves the output around the crossover: a "
     "disturbance, a drift or a sensor fault.",
     "outside": "The fitted plant lies outside the prior that the tuner was made for.",
-    "bend": "The output does not grow in proportion to the input: the plant or the sensor saturates "
-    "or bends. Excite with the amplitude that the loop will have.",
-    "halves": "The response changes during the recording: the operating point moves, or something "
-    "breaks. Record while all stays as it is.",
+    "bend": "The output does not grow in proportion to the input: the plant or the sensor "
+    "saturates. Excite with the amplitude that the loop will have.",
+    "halves": "The response changes during the recording: the operating point moves, or "
+    "something breaks. Record while all stays as it is.",
     "limited": "The controller cannot reach the target with this plant: the gains come as near as "
     "it can.",
     "unsolved": "A number is missing or a search did not converge.",
@@ -239,7 +239,8 @@ def assess(
         refused = _MISS * error if response is not None else error
         findings |= checks.of_metrics("error", off, error, refused, _MISSED)
         if response is not None:
-            findings["limited"] = checks.of("limited", np.where(judged.limited, 1.0, 0.0), refusal=1.0)
+            limited = np.where(judged.limited, 1.0, 0.0)
+            findings["limited"] = checks.of("limited", limited, refusal=1.0)
         else:
             solved = solved & ~judged.limited
         findings["unsolved"] = checks.of("unsolved", np.where(solved, 0.0, 1.0))

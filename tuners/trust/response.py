@@ -259,7 +259,7 @@ def _slopes(coefficients: Array, at: Complex) -> Array:
 def _sandwich(
     model: BlackBox, error: Array, filtered: Array, crossover: float
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Covariance (B, 2, 2) of products of noise and signals (B, 2, N), noise spectra, any colour."""
+    """Covariance (B, 2, 2) of noise times signals (B, 2, N), noise spectra, and any colour (B,)."""
     N = error.shape[1]
     length, signals = next_fast_len(N, real=True), model.projected(filtered)
     transformed = np.fft.rfft(np.concatenate([error[:, None], signals], axis=1), length)

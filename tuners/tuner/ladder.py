@@ -19,9 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.trust.checks import Judged, predicted
+from tuners.trust.checks import Assessment, Judged, predicted
 from tuners.trust.fit import Fit
 from tuners.trust.response import Response
+from tuners.trust.suspects import explanations
 from tuners.tuner.method import Gains, Rung
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.plant import Plant
@@ -32,6 +33,8 @@ Flags = NDArray[np.bool_]
 _CONFIRMED = 2.0  # standard deviations of the fitted plant's metrics
 _NEGLIGIBLE = 0.02  # of a metric's `error`: differences that are none
 _CONTRADICTED = 16.0  # squared distance over its covariance, by chance once in 3000 recordings
+_NOT_CONFIRMED = "The learner's gains differ from the fitted plant's, which the recording confirms."
+_NOT_FITTED = "No plant of the prior reproduces this recording, or none of its gains suit it."
 _FINE = 0.04  # of a metric's `error`: what the functions' truncation may cost
 
 
@@ -50,12 +53,15 @@ class Climb:
         box; ``nan`` where there is none.
     contradiction : NDArray
         (B,) the same as a squared distance in standard deviations.
+    refined : NDArray
+        (B, k) gains of the fitted plants.
     """
 
     gains: Gains
     rung: NDArray[np.int64]
     contrast: Array
     contradiction: Array
+    refined: Array
 
     @property
     def judged(self) -> Judged:
@@ -111,9 +117,9 @@ def climb(
         Whether the measured parameters are in the range that the tuner was made for.
     """
     refined, reached = plant.designs(fitted.theta)
-    if rungs == (Rung.METHOD,):
-        return Climb(own, np.full(len(known), Rung.METHOD), *contrast(plant, refined, response))
     difference, distance = contrast(plant, refined, response)
+    if rungs == (Rung.METHOD,):
+        return Climb(own, np.full(len(known), Rung.METHOD), difference, distance, refined)
     rung = np.full(len(known), Rung.NONE)
     if Rung.FITTED_PLANT in rungs:
         supported = fitted.converged & np.isfinite(refined).all(axis=1) & known
@@ -122,13 +128,13 @@ def climb(
         rung = np.where(supported, np.where(confirmed, Rung.METHOD, Rung.FITTED_PLANT), rung)
     chosen = Gains.of(refined, reached, fitted.converged).replaced(rung == Rung.METHOD, own)
     if response is None:
-        return Climb(chosen, np.where(rung == Rung.NONE, Rung.FITTED_PLANT, rung), difference,
-                     distance)  # fmt: skip
+        rung = np.where(rung == Rung.NONE, Rung.FITTED_PLANT, rung)
+        return Climb(chosen, rung, difference, distance, refined)
     alone = Gains.of(response.gains, response.within_reach, np.ones(len(rung), dtype=np.bool_))
     chosen = chosen.replaced(rung == Rung.NONE, alone)
     found = np.isfinite(chosen.values).all(axis=1)
     rung = np.where((rung == Rung.NONE) & found, Rung.BLACK_BOX, rung)
-    return Climb(chosen, rung, difference, distance)
+    return Climb(chosen, rung, difference, distance, refined)
 
 
 def _confirmed(plant: Plant, fitted: Fit, own: Gains, refined: Array) -> Flags:
@@ -138,3 +144,33 @@ def _confirmed(plant: Plant, fitted: Fit, own: Gains, refined: Array) -> Flags:
         off = np.abs(metrics - plant.metric_values(fitted.theta, refined))
         allowed = _CONFIRMED * spread + _NEGLIGIBLE * plant.metric_setting("error")
         return np.asarray((off <= allowed).all(axis=1) & own.converged)
+
+
+def left(plant: Plant, climbed: Climb, found: Assessment, i: int) -> tuple[str, ...]:
+    """Why recording `i` is not answered by a higher rung, in words."""
+    rung, response = climbed.rung[i], found.response
+    if rung == Rung.FITTED_PLANT and response is not None:
+        return (_NOT_CONFIRMED,)
+    if rung < Rung.BLACK_BOX or response is None:
+        return ()
+    if (found.spread[i] > plant.metric_setting("widest")).any():
+        return ()  # so little is known that no difference means anything
+    return explanations(plant, found.model, found.fit, i) or _differs(plant, climbed, response, i)
+
+
+def _differs(plant: Plant, climbed: Climb, response: Response, i: int) -> tuple[str, ...]:
+    """How the recording's response at the crossover differs from the fitted plant's."""
+    target = response.target
+    fitted = plant.parametrisation.encode(climbed.refined[[i]])[0]
+    gain, phase = response.required[i] - fitted
+    if not np.isfinite([gain, phase]).all():
+        return (_NOT_FITTED,)
+    late, share = phase / target.omega_c, np.expm1(-gain)
+    words = [
+        f"{abs(1e3 * late):.0f} ms {'later' if late > 0 else 'sooner'}",
+        f"{abs(share):.0%} {'stronger' if share > 0 else 'weaker'}",
+    ]
+    return (
+        f"At the crossover the output answers {words[0]} and {words[1]} than the fitted plant: is "
+        "the logged input the command, and are time base, scales and the plant's data right?",
+    )

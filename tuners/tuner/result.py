@@ -106,8 +106,11 @@ class Result:
         Whether the gains are usable, usable with care, or refused.
     rung : Rung
         Whose gains they are: the method's, the fitted plant's or the black box's.
+    left : tuple of str
+        Why gains of a higher rung were left: what the recording asks to change.
     reasons, notes : tuple of str
-        Why the verdict is no better; and what differs from the experiment that the tuner was made for.
+        Why the verdict is no better; and what differs from the experiment that the tuner was
+        made for.
     fallback : dict
         Gains that are stable for every plant of the prior: what to use instead of gains that
         are refused; ``nan`` where there are none.
@@ -126,6 +129,7 @@ class Result:
     converged: bool
     verdict: Verdict
     rung: Rung
+    left: tuple[str, ...]
     reasons: tuple[str, ...]
     notes: tuple[str, ...]
     fallback: Mapping[str, float]

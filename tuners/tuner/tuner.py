@@ -16,14 +16,15 @@ from tuners.trust.checks import Assessment, assess
 from tuners.trust.fit import fit
 from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.response import Response
-from tuners.trust.verdict import Finding, worst
+from tuners.trust.verdict import Check, Finding, worst
 from tuners.tuner import notes, tuner_file
-from tuners.tuner.ladder import Climb, climb
+from tuners.tuner.ladder import Climb, climb, left
 from tuners.tuner.method import Gains, Method, Rung
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
 from yawrate_env import validation
 from yawrate_env.loop.design import Status
+from yawrate_env.plant.names import check_name
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -128,6 +129,7 @@ class Tuner:
     def _result(self, given: Recording, climbed: Climb, found: Assessment, i: int) -> Result:
         checks, gains = found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
+        why = left(self.plant, climbed, found, i) if Rung.FITTED_PLANT in self.method.rungs else ()
         return Result(
             gains=self._named(gains.values[i]),
             intervals=self._intervals(found.metrics[i], found.spread[i]),
@@ -136,7 +138,8 @@ class Tuner:
             converged=bool(gains.converged[i]),
             verdict=verdict,
             rung=Rung(climbed.rung[i]),
-            reasons=tuple(dict.fromkeys(check.message for check in checks if not check.passed)),
+            left=why,
+            reasons=_reasons(self.plant, checks, why, Rung(climbed.rung[i])),
             notes=notes.notes(self.plant, given, found.fit.residual[i], self.method.any_experiment),
             fallback=self._named(self.fallback),
             checks=checks,
@@ -268,6 +271,17 @@ class Tuner:
             name: Interval(float(value), float(value - h), float(value + h))
             for name, value, h in ends
         }
+
+
+def _reasons(
+    plant: Plant, checks: tuple[Check, ...], why: tuple[str, ...], rung: Rung
+) -> tuple[str, ...]:
+    """What checks that failed mean; where the plant was left, why, in place of its checks."""
+    why = why if rung > Rung.FITTED_PLANT else ()
+    explained = {"misfit", "outside", *(check_name(name, "contrast") for name in plant.counted)}
+    failed = [c for c in checks if not c.passed]
+    others = [c.message for c in failed if not (why and c.name in explained)]
+    return tuple(dict.fromkeys([*(why if failed else ()), *others]))
 
 
 def _between(given: Recording, found: Assessment) -> Array:

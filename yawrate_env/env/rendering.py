@@ -17,9 +17,9 @@ from yawrate_env.loop.loops import Evaluation
 from yawrate_env.loop.margins import open_loop
 from yawrate_env.loop.target import Target
 from yawrate_env.vehicle.episode import loops
-from yawrate_env.vehicle.single_track import Context
+from yawrate_env.vehicle.single_track import Context, theta_of
 from yawrate_env.vehicle.task import Task
-from yawrate_env.vehicle.yaw_rate import theta_of, yaw_rate
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 try:
     from matplotlib import style

@@ -16,8 +16,8 @@ from yawrate_env.env.vector_env import TuningVectorEnv
 from yawrate_env.env.yaw_rate_interface import interface_of, task_of
 from yawrate_env.plant.parameters import LogRange, Normal
 from yawrate_env.vehicle.nonlinear.twin import NonlinearTwin
+from yawrate_env.vehicle.single_track import context_of
 from yawrate_env.vehicle.task import Task
-from yawrate_env.vehicle.yaw_rate import context_of
 
 Range = float | Sequence[float]
 Prior = Range | LogRange | Normal | Mapping[str, Sequence[float]] | None

@@ -171,7 +171,16 @@ def _display(name: str, value: Any) -> Any:
     return None if value is None else _pair(name, value, example, labelled, labelled)
 
 
-_OPTIONAL = ("evaluate", "excite", "record", "action_bounds", "loop", "actuator", "remarks")
+_OPTIONAL = (
+    "evaluate",
+    "excite",
+    "record",
+    "action_bounds",
+    "loop",
+    "actuator",
+    "remarks",
+    "suspects",
+)
 
 _SETTINGS: dict[str, Check] = {
     "prior": _prior,

@@ -23,6 +23,7 @@ from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.reward import defined, reward
 from yawrate_env.plant.sensitivity import Sensitivity
+from yawrate_env.plant.suspect import Suspect
 from yawrate_env.plant.trial import try_functions
 from yawrate_env.signals.noise import add_white_noise
 
@@ -113,6 +114,9 @@ class Plant(Parameters):
     remarks : callable, optional
         ``remarks(u, y, measured)``: sentences on what a log's input (N,), output (N,) and
         measured parameters {name: (N,)} leave out of account.
+    suspects : callable, optional
+        ``suspects()``: what may be wrong with the description or with a log
+        (`yawrate_env.plant.suspect`), to name where a recording contradicts the plant.
     messages : dict, optional
         Checks of a recording (`tuners.trust.checks`) to the sentence that is shown where they
         fail, in the terms of this plant.
@@ -183,6 +187,7 @@ class Plant(Parameters):
     cautions: Mapping[str, str] = field(default_factory=dict)
     actuator: Callable[[Array, float], Array] | None = None
     remarks: Callable[[Array, Array, Mapping[str, Array]], Sequence[str]] | None = None
+    suspects: Callable[[], Sequence[Suspect]] | None = None
     messages: Mapping[str, str] = field(default_factory=dict)
     entry: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)

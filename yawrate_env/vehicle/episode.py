@@ -25,6 +25,18 @@ def excitation(experiment: Experiment, start: NDArray[np.uint64]) -> NDArray[np.
     return prbs(*timing, order=RANDOM_ORDER, start=start)
 
 
+def simulated(task: Task, context: Context, u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Yaw rates (B, N) [rad/s] of vehicles from rest, without noise, for commands (1 or B, N)."""
+    y = np.empty((len(context), u.shape[1]))
+    into = task.twin.simulator(task.vehicle, context, u, task.experiment.Ts)
+
+    def work(i: int, j: int) -> None:
+        into(y[i:j], i, j)
+
+    over_blocks(work, len(context), LANES)
+    return y
+
+
 def respond(
     task: Task,
     context: Context,

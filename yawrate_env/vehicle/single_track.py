@@ -19,7 +19,7 @@ Eq. (8) is printed with ``alpha_f`` in the rear tyre's equation too, which leave
 plant nearly undamped; it is read as ``alpha_r`` here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from types import SimpleNamespace
 from typing import Any, Self
@@ -246,3 +246,16 @@ def state_space_sensitivity(vehicle: Vehicle, context: Context) -> NDArray[np.fl
     mass = total_mass(vehicle, context)
     by_M_delta[:, 0, 2:4] = -tyre_forces[:, 0, 2:4] / mass[:, None]
     return np.stack([by_mu_s, by_M_delta], axis=1)
+
+
+def context_of(theta: NDArray[np.float64], others: Sequence[str] = ()) -> Context:
+    """Parameters (B, p) as vehicles; after the first three they are the named ones."""
+    mu_s, M_delta, v_x, *columns = theta.T.copy()
+    return Context(mu_s, M_delta, v_x, dict(zip(others, columns, strict=True)))
+
+
+def theta_of(context: Context) -> NDArray[np.float64]:
+    """Vehicles as parameters (B, p)."""
+    others = (context.others[name] for name in OTHERS if name in context.others)
+    columns = context.mu_s, context.M_delta, context.v_x, *others
+    return np.stack(columns, axis=1)

@@ -5,7 +5,7 @@ measured with every recording.  Further ones that the prior names follow in the 
 `LABELS`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.loops import Loops
@@ -24,11 +23,13 @@ from yawrate_env.plant.parametrisation import loop
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE, PILoop
 from yawrate_env.plant.plant import Out, Plant
 from yawrate_env.plant.responses import ClosedLoop
+from yawrate_env.plant.suspect import Suspect
 from yawrate_env.vehicle.actuator import actuated
-from yawrate_env.vehicle.episode import excitation, loops, plants, respond
+from yawrate_env.vehicle.episode import excitation, loops, plants, respond, simulated
 from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_SPEED, LARGEST_YAW_RATE
 from yawrate_env.vehicle.sensitivity import LogSensitivity
-from yawrate_env.vehicle.single_track import OTHERS, Context, bounds
+from yawrate_env.vehicle.single_track import Context, bounds, context_of
+from yawrate_env.vehicle.suspects import suspects
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.twin import LinearTwin
 from yawrate_env.vehicle.words import CAUTIONS, SYNONYMS, messages
@@ -81,19 +82,6 @@ _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
 _SLOWEST = 0.1  # m/s: at rest the single-track vehicle has no steady answer
 
 
-def context_of(theta: Array, others: Sequence[str] = ()) -> Context:
-    """Parameters (B, p) as vehicles; after the first three they are the named ones."""
-    mu_s, M_delta, v_x, *columns = theta.T.copy()
-    return Context(mu_s, M_delta, v_x, dict(zip(others, columns, strict=True)))
-
-
-def theta_of(context: Context) -> Array:
-    """Vehicles as parameters (B, p)."""
-    others = (context.others[name] for name in OTHERS if name in context.others)
-    columns = context.mu_s, context.M_delta, context.v_x, *others
-    return np.stack(columns, axis=1)
-
-
 def from_settings(**task: Any) -> Plant:
     """The plant of a task that `Task.settings` wrote: what saved tuners name as their entry."""
     return yaw_rate(Task.of(task))
@@ -136,6 +124,7 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         cautions=CAUTIONS,
         actuator=vehicles.actuator if vehicles.actuator_known else None,
         remarks=remarks,
+        suspects=vehicles.suspects,
         messages=messages(task.prior),
         record=vehicles.record,
         sensitivity=vehicles.sensitivity if vehicles.exact_slopes else None,
@@ -197,15 +186,11 @@ class Vehicles:
 
     def simulate(self, theta: Array, u: Array, rng: Any) -> Array:
         """Noise-free yaw rates (B, N) from rest; nothing in a twin is random."""
-        task, inputs = self.task, np.atleast_2d(u)
-        y = np.empty((len(theta), inputs.shape[1]))
-        into = task.twin.simulator(task.vehicle, self.context(theta), inputs, task.experiment.Ts)
+        return simulated(self.task, self.context(theta), np.atleast_2d(u))
 
-        def work(i: int, j: int) -> None:
-            into(y[i:j], i, j)
-
-        over_blocks(work, len(theta), LANES)
-        return y
+    def suspects(self) -> tuple[Suspect, ...]:
+        """What may be wrong with the vehicle's data or with a log."""
+        return suspects(self.task)
 
     def record(self, theta: Array, u: Array, keys: Integers, out: Out) -> NDArray[np.floating]:
         """Measured yaw rates, as the environment has them."""
