@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
@@ -186,15 +187,19 @@ def from_file(path: str | os.PathLike[str], plant: Plant | None = None) -> Tuner
     with tuner_file.rebuilding(path):
         found = tuner_file.plant_of(path, settings, plant)
         method = kinds[settings["method"]].from_file(settings, arrays)
-        factors = validation.finite_array(
-            "calibration", settings["calibration"], shape=(len(found.counted),)
-        )
-        if (factors < 0).any():
-            raise ValueError(f"calibration has {factors.min():g}, which is no width.")
+        factors = [_factors(settings, n, found) for n in ("calibration", "exact_calibration")]
         validation.instance("training", settings["training"], dict, remedy="")
-        tuner = Tuner(found, method, settings["training"], tuple(factors.tolist()))
+        tuner = Tuner(found, method, settings["training"], *factors)
         _try(tuner)
         return tuner
+
+
+def _factors(settings: dict[str, Any], name: str, plant: Plant) -> tuple[float, ...]:
+    """Half widths of the intervals that a file holds, checked."""
+    factors = validation.finite_array(name, settings[name], shape=(len(plant.counted),))
+    if (factors < 0).any():
+        raise ValueError(f"{name} has {factors.min():g}, which is no width.")
+    return tuple(factors.tolist())
 
 
 def _try(tuner: Tuner) -> None:

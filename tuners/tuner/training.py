@@ -20,8 +20,9 @@ from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Recipe, Stages, coordinates_of, train_stages
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
-from yawrate_env.plant.episodes import Episodes, episodes
+from yawrate_env.plant.episodes import Draw, Episodes, episodes, integers_of
 from yawrate_env.plant.plant import Plant
+from yawrate_env.signals.streams import stream
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -36,6 +37,8 @@ LEAST_CALIBRATION = 50
 CALIBRATION = 500
 """Episodes that calibrate the intervals by default."""
 
+_DOUBTED = 32  # episodes of one doubtful plant
+_MEASURED = 0.05  # of its value: by how much a measured parameter is off
 _BAND = 0.2, 4.0  # of the crossover: frequencies whose response is a feature
 
 
@@ -158,19 +161,54 @@ def check_calibration(episodes: int) -> None:
 
 
 def calibrate(tuner: Tuner, episodes: int, seed: int = 0, progress: Progress | None = None) -> None:
-    """Set the tuner's `calibration` from episodes of the ``calibration`` set.
+    """Set the tuner's calibrations from episodes of the ``calibration`` set.
 
-    Plants that no gains suit ask for no interval and are left out; an unstable loop is outside
-    any interval.
+    The intervals if the plant's data are exact are calibrated on the plant's own episodes, the
+    others on those of its `doubtful` plants, if it names any.  Plants that no gains suit ask for
+    no interval and are left out; an unstable loop is outside any interval.
     """
     check_calibration(episodes)
-    plant, parts, done = tuner.plant, [], 0
+    plant, exact, own, done = tuner.plant, [], [], 0
     for block, found, actual in assessed(tuner, "calibration", episodes, seed):
         _, asked = plant.designs(block.theta)
-        parts.append(np.stack([found.metrics, found.spread, actual])[:, asked])
+        exact.append(np.stack([found.exact_metrics, found.exact_spread, actual])[:, asked])
+        own.append(np.stack([found.metrics, found.spread, actual])[:, asked])
         done += len(block)
         if progress is not None:
             progress("calibrating", done, episodes)
+    tuner.exact_calibration = _factors(exact)
+    tuner.calibration = _factors(own if plant.doubtful is None else doubted(tuner, episodes, seed))
+    tuner.training["calibration"] = {"episodes": episodes, "seed": seed}
+
+
+def doubted(tuner: Tuner, episodes: int, seed: int) -> list[Array]:
+    """Predicted metrics, their spread and actual metrics, (3, B, f) each, of `doubtful` plants.
+
+    Every second block begins in motion, a tenth of the recording late, and measured parameters
+    are off by up to `_MEASURED` of their width or mean.
+    """
+    plant, parts = tuner.plant, []
+    assert plant.doubtful is not None
+    for number, first in enumerate(range(0, episodes, _DOUBTED)):
+        rng = np.random.default_rng((seed, number))
+        source, count = plant.doubtful(rng), min(_DOUBTED, episodes - first)
+        drawn = Draw.of(source, stream(seed + 1, number, count, integers_of(source)))
+        y = source.measure(drawn.theta, drawn.u, drawn.keys)
+        cut = number % 2 * y.shape[1] // 10
+        known = drawn.theta[:, : len(plant.prior)].copy()
+        for i in plant.indices(plant.measured):
+            known[:, i] *= 1 + rng.uniform(-_MEASURED, _MEASURED, count)
+        recording = Recording(drawn.u[:, cut:], y[:, cut:], source.Ts, known)
+        gains, found = tuner.assess(recording)
+        actual = source.metric_values(drawn.theta, gains.values)
+        _, asked = source.designs(drawn.theta)
+        asked &= found.trusted
+        parts.append(np.stack([found.metrics, found.spread, actual])[:, asked])
+    return parts
+
+
+def _factors(parts: list[Array]) -> tuple[float, ...]:
+    """Conformal factors (f,) of predictions, spreads and actual metrics, (3, B, f) each."""
     predicted, spread, actual = np.concatenate(parts, axis=1)
     factors = conformal(predicted, spread, actual)
     if not np.isfinite(factors).all():
@@ -180,8 +218,7 @@ def calibrate(tuner: Tuner, episodes: int, seed: int = 0, progress: Progress | N
             "gains, at most a tenth may be, of ten or more. Train on more plants, or narrow the "
             "prior."
         )
-    tuner.calibration = tuple(factors.tolist())
-    tuner.training["calibration"] = {"episodes": episodes, "seed": seed}
+    return tuple(factors.tolist())
 
 
 def assessed(

@@ -54,9 +54,10 @@ class Tuner:
         Finds the gains: both stages, trained, or one of `rivals` or `direct`.
     training : dict, optional
         How it was trained, kept for the record.
-    calibration : tuple of float, optional
-        Half widths of the counted metrics' intervals in standard deviations; those of a normal
-        error if omitted.
+    calibration, exact_calibration : tuple of float, optional
+        Half widths of the counted metrics' intervals in standard deviations: of those that the
+        recording supports, and of those if the plant's data are exact; those of a normal error
+        if omitted.
     """
 
     def __init__(
@@ -65,9 +66,12 @@ class Tuner:
         method: Method,
         training: dict[str, Any] | None = None,
         calibration: tuple[float, ...] = (),
+        exact_calibration: tuple[float, ...] = (),
     ) -> None:
         self.plant, self.method, self.training = plant, method, training or {}
-        self.calibration = calibration or (GAUSSIAN,) * len(plant.counted)
+        normal = (GAUSSIAN,) * len(plant.counted)
+        self.calibration = calibration or normal
+        self.exact_calibration = exact_calibration or normal
 
     def __repr__(self) -> str:
         return f"<Tuner {self.training.get('name', self.method.kind)}>"
@@ -127,13 +131,15 @@ class Tuner:
         return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
 
     def _result(self, given: Recording, climbed: Climb, found: Assessment, i: int) -> Result:
-        checks, gains = found.checks(i), climbed.gains
+        plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
         why = left(self.plant, climbed, found, i) if Rung.FITTED_PLANT in self.method.rungs else ()
         return Result(
             gains=self._named(gains.values[i]),
-            intervals=self._intervals(found.metrics[i], found.spread[i]),
-            exact_intervals=self._intervals(found.exact_metrics[i], found.exact_spread[i]),
+            intervals=_intervals(plant, found.metrics[i], found.spread[i], self.calibration),
+            exact_intervals=_intervals(
+                plant, found.exact_metrics[i], found.exact_spread[i], self.exact_calibration
+            ),
             status=Status(gains.status[i]),
             converged=bool(gains.converged[i]),
             verdict=verdict,
@@ -218,6 +224,7 @@ class Tuner:
             **self.method.settings(),
             "training": self.training,
             "calibration": list(self.calibration),
+            "exact_calibration": list(self.exact_calibration),
         }
         tuner_file.save(path, self.plant, settings, self.method.arrays())
 
@@ -265,12 +272,13 @@ class Tuner:
     def _named(self, gains: Array) -> dict[str, float]:
         return dict(zip(self.plant.gains, map(float, gains), strict=True))
 
-    def _intervals(self, metrics: Array, spread: Array) -> dict[str, Interval]:
-        ends = zip(self.plant.counted, metrics, np.array(self.calibration) * spread, strict=True)
-        return {
-            name: Interval(float(value), float(value - h), float(value + h))
-            for name, value, h in ends
-        }
+
+def _intervals(
+    plant: Plant, metrics: Array, spread: Array, factors: tuple[float, ...]
+) -> dict[str, Interval]:
+    """Metrics (f,) plus and minus factors times their standard deviations (f,), by name."""
+    ends = zip(plant.counted, metrics, np.array(factors) * spread, strict=True)
+    return {name: Interval(float(v), float(v - h), float(v + h)) for name, v, h in ends}
 
 
 def _reasons(

@@ -117,6 +117,11 @@ class Plant(Parameters):
     suspects : callable, optional
         ``suspects()``: what may be wrong with the description or with a log
         (`yawrate_env.plant.suspect`), to name where a recording contradicts the plant.
+    doubtful : callable, optional
+        ``doubtful(rng)``: this plant as real recordings find it, with constants that are not quite
+        the description's, another noise and another length; the intervals that need no exact
+        description are calibrated on such plants, a new one for each block of episodes.  Its first
+        p parameters are this plant's.
     messages : dict, optional
         Checks of a recording (`tuners.trust.checks`) to the sentence that is shown where they
         fail, in the terms of this plant.
@@ -188,6 +193,7 @@ class Plant(Parameters):
     actuator: Callable[[Array, float], Array] | None = None
     remarks: Callable[[Array, Array, Mapping[str, Array]], Sequence[str]] | None = None
     suspects: Callable[[], Sequence[Suspect]] | None = None
+    doubtful: "Callable[[np.random.Generator], Plant] | None" = None
     messages: Mapping[str, str] = field(default_factory=dict)
     entry: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)

@@ -6,7 +6,7 @@ measured with every recording.  Further ones that the prior names follow in the 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -79,6 +79,8 @@ DISPLAY = (IN_DEGREES[0], _DEGREE), (IN_DEGREES[1], _DEGREE)
 
 _LINEAR = 4.0  # m/s^2 of lateral acceleration, beyond which tyres saturate on dry asphalt
 _FRICTION, _MASS = (1e-3, 1e2), (1.0, 1e6)  # bounds that no vehicle reaches
+_LESS, _MORE = 0.95, 1.05  # of constants
+_LENGTHS, _SNR = (0.5, 2.0), (14.0, 40.0)  # of the experiment, and dB
 _SLOWEST = 0.1  # m/s: at rest the single-track vehicle has no steady answer
 
 
@@ -125,6 +127,7 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         actuator=vehicles.actuator if vehicles.actuator_known else None,
         remarks=remarks,
         suspects=vehicles.suspects,
+        doubtful=vehicles.doubtful,
         messages=messages(task.prior),
         record=vehicles.record,
         sensitivity=vehicles.sensitivity if vehicles.exact_slopes else None,
@@ -191,6 +194,22 @@ class Vehicles:
     def suspects(self) -> tuple[Suspect, ...]:
         """What may be wrong with the vehicle's data or with a log."""
         return suspects(self.task)
+
+    def doubtful(self, rng: np.random.Generator) -> Plant:
+        """Vehicles whose constants are off by up to 5 %, 14 to 40 dB, half to twice as long."""
+        task, given = self.task, self.task.prior.ranges
+        constants = {
+            name: (_LESS * value, _MORE * value)
+            for name, value in asdict(task.vehicle).items()
+            if name in LABELS and name not in given and value > 0 and self.linear
+        }
+        experiment = replace(
+            task.experiment,
+            N=int(task.experiment.N * rng.uniform(*_LENGTHS)),
+            snr_db=rng.uniform(*_SNR),
+        )
+        prior = replace(task.prior, **constants)
+        return yaw_rate.__wrapped__(replace(task, prior=prior, experiment=experiment), check=False)
 
     def record(self, theta: Array, u: Array, keys: Integers, out: Out) -> NDArray[np.floating]:
         """Measured yaw rates, as the environment has them."""
