@@ -37,14 +37,27 @@ def cut(recording, first, offset):
     return replace(recording, u=recording.u[:, first:], y=recording.y[:, first:] + offset)
 
 
-def test_free_responses_are_orthonormal_and_hold_the_decays_and_a_constant():
+def test_free_responses_are_orthonormal_and_hold_decays_a_trend_and_a_constant():
     Z, constant = free_responses(FUNCTIONS, 5000, 0.001)
-    np.testing.assert_allclose(Z @ Z.T, np.eye(FUNCTIONS.order + 1), atol=1e-10)
+    np.testing.assert_allclose(Z @ Z.T, np.eye(FUNCTIONS.order + 2), atol=1e-10)
     decay = np.exp(-FUNCTIONS.pole * 0.001 * np.arange(5000))
-    for signal in (decay, np.arange(5000) * decay, np.ones(5000)):
+    for signal in (decay, np.arange(5000) * decay, np.arange(5000), np.ones(5000)):
         np.testing.assert_allclose(Z.T @ (Z @ signal), signal, atol=1e-8 * np.abs(signal).max())
-    # A constant's coefficient on the last signal times `constant` is the constant itself.
-    assert (Z @ np.full(5000, 0.3))[-1] * constant == pytest.approx(0.3, rel=1e-9)
+    # The constant is found beside a decay and a line about the middle, and by the first alone.
+    mixed = 0.3 + 0.2 * decay + 0.1 * np.linspace(-1, 1, 5000)
+    assert Z @ mixed @ constant == pytest.approx(0.3, rel=1e-9)
+    assert (Z @ np.full(5000, 0.3))[0] * constant[0] == pytest.approx(0.3, rel=1e-9)
+
+
+@pytest.mark.parametrize("extra, added", [
+    (0, lambda t: 0 * t), (1, lambda t: 0.02 + 0 * t), (2, lambda t: 0.02 + 0.004 * t),
+])  # fmt: skip
+def test_no_more_is_estimated_than_a_recording_needs(extra, added):
+    plant, rest = FAMILIES["vehicle"], recordings("vehicle")
+    t = plant.Ts * np.arange(rest.y.shape[1])
+    model = modelled("vehicle", replace(rest, y=rest.y + added(t)), "auto")
+    assert (model.extra == extra).mean() > 0.9
+    np.testing.assert_allclose(model.offset, added(t).mean(), atol=5e-3)
 
 
 def test_recordings_from_rest_are_left_alone(family):

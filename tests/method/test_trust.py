@@ -60,14 +60,20 @@ def test_what_is_predicted_is_what_happens(tuner, plant, episodes):
     actual = plant.metric_values(episodes.known, gains.values)
     assert (np.abs(found.metrics - actual) < 4.5 * found.spread + 1e-9).all()
     assert found.trusted.mean() > 0.9
-    assert set(MESSAGES) - {"response", "colour"} <= set(found.findings)
-    assert ("response" in found.findings) == plant.linear
+    own = {"bend", "halves", "limited"}  # of a black box that has the plant's metrics
+    assert set(MESSAGES) - own - {"response", "colour"} <= set(found.findings)
+    for name in own:
+        assert (name in found.findings) == (plant.loop_target is not None)
+    assert ("response" in found.findings) == (plant.linear and plant.loop_target is None)
     for name, text in plant.messages.items():
         assert name not in found.findings or found.findings[name].message == text
 
 
 RNG = np.random.default_rng(0)
 NOISE = RNG.standard_normal(3000)
+CARE = ("offset jumps", "late")
+"""A constant and a trend explain most of the first; the second may be another plant's."""
+
 FOREIGN = {
     "reversed": lambda u, y: (u, -y),
     "in other units": lambda u, y: (u, np.degrees(y)),
@@ -86,19 +92,20 @@ FOREIGN = {
 
 
 def test_foreign_recordings_are_not_trusted(tuner, plant, episodes):
-    given = one(plant, episodes, 0)
+    given, names = one(plant, episodes, 0), [*FOREIGN, "good"]
     pairs = [change(given["u"], given["y"]) for change in FOREIGN.values()]
     u, y = (np.array([*signals, last]) for signals, last in zip(
         zip(*pairs, strict=True), (given["u"], given["y"]), strict=True))  # fmt: skip
     known = np.repeat(episodes.known[:1], len(y), axis=0)
-    trusted = tuner.assess(Recording(u, y, plant.Ts, known))[1].trusted
-    assert dict(zip([*FOREIGN, "good"], trusted.tolist(), strict=True)) == {
+    found = tuner.assess(Recording(u, y, plant.Ts, known))[1]
+    usable = found.trusted & (found.verdicts < np.where(np.isin(names, CARE), 1, 2))
+    assert dict(zip(names, usable.tolist(), strict=True)) == {
         **dict.fromkeys(FOREIGN, False), "good": True,
     }  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", faults.KINDS)
-def test_gains_that_miss_are_not_trusted(kind):
+def test_gains_that_miss_are_not_usable_without_care(kind):
     made = faults.KINDS[kind](VEHICLE, np.random.default_rng(0), 8)
     gains, found = trained("vehicle").assess(made.recording)
     theta = theta_of(made.context)
@@ -106,7 +113,7 @@ def test_gains_that_miss_are_not_trusted(kind):
         true = yaw_rate(replace(VEHICLE, vehicle=vehicle))
         error = np.abs(true.errors(theta[i : i + 1], gains.values[i : i + 1]))[0]
         hit = np.isfinite(error).all() and error[0] <= 3 and error[1] <= 0.15
-        assert hit or not found.trusted[i]
+        assert hit or found.verdicts[i] > 0, found.checks(i)
     assert made.real or not found.trusted.any()
 
 
@@ -117,7 +124,7 @@ def test_a_disturbance_around_the_crossover_is_noticed(family):
     hum = np.sin(2 * np.pi * plant.crossover * times)
     disturbed = episodes.y + 0.3 * episodes.y.std(axis=1, keepdims=True) * hum
     found = trained(family).assess(replace(episodes, y=disturbed))[1]
-    assert not found.trusted.any()
+    assert (found.verdicts > 0).all()
     assert (found.findings["colour"].values > found.findings["colour"].limit).any()
 
 
@@ -125,8 +132,9 @@ def test_a_disturbance_around_the_crossover_is_noticed(family):
 def test_the_fixed_controller_is_not_trusted_where_it_misses(family):
     plant, episodes = FAMILIES[family], recordings(family)
     gains, found = reference(family, Nominal).assess(episodes)
-    far = np.abs(plant.errors(episodes.known, gains.values) / plant.metric_setting("error")) > 1.5
-    assert far.any() and not found.trusted[far.any(axis=1)].any()
+    off = np.abs(plant.errors(episodes.known, gains.values) / plant.metric_setting("error"))
+    far, farther = (off > 1.5).any(axis=1), (off > 2.5).any(axis=1)
+    assert far.any() and (found.verdicts[far] > 0).all() and not found.trusted[farther].any()
 
 
 def test_the_twin_that_the_tuner_was_made_for_is_asked():

@@ -13,6 +13,8 @@ from tuners.trust.intervals import GAUSSIAN
 from tuners.tuner import tuner_file
 from tuners.tuner.comparison import GRAY_BOX, NOMINAL, ORACLE, TUNER, compare
 from tuners.tuner.method import Gains
+from tuners.trust.verdict import Verdict
+from tuners.tuner.method import Rung
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import GrayBox, Nominal, Oracle
 from tuners.tuner.tuner import Tuner
@@ -51,12 +53,17 @@ def test_batch_single_and_log_agree(tuner, plant, episodes):
     batch, passed = tuner.predict(obs, state, np.ones(4, dtype=bool), deterministic=False)
     assert passed is state and tuner.predict(obs[:0])[0].shape == (0, len(plant.gains))
     assert batch.shape == (4, len(plant.gains)) and batch.dtype == np.float64
+    climbed, _ = tuner.climb(episodes.part(slice(0, 4)))
     for index in range(4):
         single, _ = tuner.predict(obs[index])
         result = tuner.tune(**one(plant, episodes, index))
         # Matrix products of other sizes round otherwise.
         np.testing.assert_allclose(single, batch[index], rtol=1e-9)
-        np.testing.assert_allclose(list(result.gains.values()), single, rtol=1e-9)
+        gains = list(result.gains.values())
+        np.testing.assert_allclose(gains, climbed.gains.values[index], rtol=1e-7)
+        assert result.rung == climbed.rung[index]
+        if result.rung is Rung.METHOD:
+            np.testing.assert_allclose(gains, single, rtol=1e-9)
     np.testing.assert_allclose(tuner.predict(obs.astype(np.float32))[0], batch, rtol=1e-3)
     np.testing.assert_array_equal(tuner.act(episodes.part(slice(0, 4))), batch)
 
@@ -253,14 +260,15 @@ def test_measured_parameters_are_asked_for_by_name():
         (19.7, False, False),
     ],
 )
-def test_another_speed_costs_trust_and_a_varying_one_is_noted(v_x, noted, trusted):
+def test_another_speed_takes_care_and_a_varying_one_is_noted(v_x, noted, trusted):
     plant = FAMILIES["vehicle"]
     result = trained("vehicle").tune(
         **one(plant, recordings("vehicle"), 0) | {"measured": {"v_x": v_x}}
     )
     assert [("speed" in note) for note in result.notes] == [True] * noted
     (speed,) = (check for check in result.checks if check.name == "speed")
-    assert speed.passed == trusted and (trusted or not result.trusted)
+    assert speed.passed == trusted and (result.verdict is Verdict.USABLE) == trusted
+    assert trusted or result.rung is Rung.BLACK_BOX
 
 
 def test_the_gray_box_may_have_any_speed():

@@ -161,7 +161,8 @@ def test_the_gray_box_finds_stiffness_and_dead_time():
         fitted = np.array([found.fit.parameters[name] for name in plant.prior])
         np.testing.assert_allclose(fitted[[0, 3]], theta[[0, 3]], rtol=0.02)
         assert fitted[4] == pytest.approx(theta[4], abs=2e-4)
-        assert found.trusted and found.phase_margin.value == pytest.approx(60, abs=1e-6)
+        assert found.trusted
+        assert found.exact_intervals["phase_margin [deg]"].value == pytest.approx(60, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +172,7 @@ def test_the_gray_box_finds_stiffness_and_dead_time():
         {"mu_s": 1.1, "C_f": 1 / 1.1, "C_r": 1 / 1.1},
     ],
 )
-def test_parameters_that_no_recording_tells_apart_are_named(factors):
+def test_parameters_that_no_recording_tells_apart_are_no_failure(factors):
     names = [name for name in factors if name in OTHERS]
     plant = yaw_rate(opened(*names, experiment=Experiment(Ts=0.002, N=3000)))
     known = {"M_delta": Vehicle().M_0}  # the total mass is scaled
@@ -181,9 +182,9 @@ def test_parameters_that_no_recording_tells_apart_are_named(factors):
         other[:, i] = factor * (other[:, i] + known.get(name, 0.0)) - known.get(name, 0.0)
     np.testing.assert_allclose(plant.respond(other), plant.respond(theta), atol=1e-12)
     found = tuners.load("gb", plant).tune(u=plant.u, y=recorded(plant, "test", 0, 1).y[0], Ts=0.002)
-    assert not found.trusted
-    said = f"No recording can tell {', '.join(sorted(factors))} apart"
-    assert any(why.startswith(said) for why in found.reasons)
+    truth = recorded(plant, "test", 0, 1).theta
+    metrics = plant.metric_values(truth, np.array([list(found.gains.values())]))[0]
+    assert found.trusted and (np.abs(metrics - plant.target) < [0.5, 0.01]).all()
 
 
 def test_the_actuator_in_front_is_known_only_where_it_is_the_same_for_all():

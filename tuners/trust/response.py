@@ -37,6 +37,7 @@ _COLOURED = 3.0  # standard deviations of a band's power that count as colour
 _WEIGHINGS = 3
 _NEAR = 0.25, 2.0  # of the crossover: frequencies that decide the response there
 _FEW = 14.0  # degrees of freedom left there
+_LEAST = 1e-20  # of the output's energy: noise below rounding
 _ROUNDING = 1e-6  # of the cube's energy
 _STRONG = 3.0  # times all frequencies' noise: colour that matters there
 
@@ -104,7 +105,8 @@ def _from_white(model: BlackBox) -> Regularised:
     right = (model.information @ model.coefficients[..., None])[..., 0]
     energy = model.residual + (right * model.coefficients).sum(axis=1)
     independent = max(N / model.oversampled - n, 1.0)
-    variance = np.maximum(model.residual, 1e-300) / N * model.oversampled * (1 + n / independent)
+    least = np.where(energy > 0, _LEAST * energy, 1.0)
+    variance = np.maximum(model.residual, least) / N * model.oversampled * (1 + n / independent)
     return regularised(model.information, right, energy, variance)
 
 
@@ -251,8 +253,8 @@ class Response:
 
 def _slopes(coefficients: Array, at: Complex) -> Array:
     """Derivatives (B, 2, n) of the required log magnitude and phase to the coefficients (B, n)."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slopes = -at / (coefficients @ at)[:, None]
+    here = (coefficients @ at)[:, None]
+    slopes = np.divide(-at, here, out=np.full(coefficients.shape, np.nan + 0j), where=here != 0)
     return np.stack([slopes.real, slopes.imag], axis=1)
 
 

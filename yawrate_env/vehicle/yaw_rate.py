@@ -32,7 +32,7 @@ from yawrate_env.vehicle.single_track import Context, bounds, context_of
 from yawrate_env.vehicle.suspects import suspects
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.twin import LinearTwin
-from yawrate_env.vehicle.words import CAUTIONS, SYNONYMS, messages
+from yawrate_env.vehicle.words import CAUTIONS, MESSAGES, SYNONYMS
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.uint64]
@@ -128,7 +128,7 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         remarks=remarks,
         suspects=vehicles.suspects,
         doubtful=vehicles.doubtful,
-        messages=messages(task.prior),
+        messages=MESSAGES,
         record=vehicles.record,
         sensitivity=vehicles.sensitivity if vehicles.exact_slopes else None,
         linear_model=None if vehicles.linear else yaw_rate(straight, check=check),
