@@ -120,7 +120,8 @@ class Tuner:
         plant, climbed, assessment = self.plant, *self.climb(recording, start)
         if recording.Ts > plant.Ts * (1 + notes.ROUNDED):
             values = _between(recording, assessment)
-            missed = Finding(values, _MISSED, _MISSED, _TOO_SLOW)
+            message = plant.messages.get("between", _TOO_SLOW)
+            missed = Finding(values, _MISSED, _MISSED, message)
             assessment = assessment.followed_by({"between": missed})
         given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
         return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
@@ -209,7 +210,7 @@ class Tuner:
         return values if found.all() else np.where(found, values, self.fallback)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the tuner to one file, completely or not at all."""
+        """Write the tuner to a file, ``*.tuner``, completely or not at all."""
         settings = {
             "method": self.method.kind,
             **self.method.settings(),

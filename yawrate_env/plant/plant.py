@@ -115,7 +115,8 @@ class Plant(Parameters):
         measured parameters {name: (N,)} leave out of account.
     messages : dict, optional
         Checks of a recording (`tuners.trust.checks`) to the sentence that is shown where they
-        fail, in the terms of this plant.
+        fail, in the terms of this plant: those of every plant, labels of measured parameters, and
+        ``<metric>_error``, ``_spread`` and ``_contrast``.
     entry : str
         ``module:attribute`` where the description is found again; saved tuners name it.
     arguments : dict, optional
