@@ -74,7 +74,11 @@ SETTINGS = [
     ("signals", ("u", 3), "second of signals = 3"),
     ("entry", None, "= None"),
     ("messages", {"misfit": 3}, "misfit = 3"),
-    ("messages", {"misift": "No valve."}, "'misift' is unknown. Choose one of .*misfit, .*kp_error"),
+    (
+        "messages",
+        {"misift": "No valve."},
+        "'misift' is unknown. Choose one of .*misfit, .*kp_error",
+    ),
     ("messages", {"K": "Not measured."}, "'K' is unknown"),
     ("command_limits", (1.0, -1.0), "low above high"),
     ("command_limits", 3, "= 3 leaves no room"),

@@ -68,8 +68,8 @@ def _check_time(Ts: float | None, column: str | None, unit: str | None) -> None:
     for flag, value in (("--time-column", column), ("--time-unit", unit)):
         if Ts is not None and value is not None:
             raise click.UsageError(
-                f"--Ts {Ts:g} and {flag} {value} contradict each other: --Ts, in seconds, takes the "
-                "place of a time column. Leave out one of the two."
+                f"--Ts {Ts:g} and {flag} {value} contradict each other: --Ts, in seconds, takes "
+                "the place of a time column. Leave out one of the two."
             )
 
 

@@ -109,8 +109,8 @@ def save(
     name = os.fsdecode(path)
     if not name.endswith(SUFFIX):
         raise ValueError(
-            f"path = {name!r} must end in {SUFFIX}: tuners.load takes other names for tuners of the "
-            f"package. Save it as {name + SUFFIX!r}."
+            f"path = {name!r} must end in {SUFFIX}: tuners.load takes other names for those of "
+            f"the package's tuners. Save it as {name + SUFFIX!r}."
         )
     described = {
         "entry": entry.named(plant, "A saved tuner"),
