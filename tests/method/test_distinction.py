@@ -1,4 +1,4 @@
-"""What an experiment cannot tell, and errors too small to be true, where it is so by construction."""
+"""What an experiment cannot tell, and errors too small to be true, by construction."""
 
 import re
 
@@ -188,5 +188,5 @@ def test_where_only_the_simulator_judges_it_says_why_no_interval_can_be_had(tmp_
     given = ("--vehicle", tmp_path / "my.toml", "-o", tmp_path / "my.tuner", "--episodes", 60)
     code, out, err = call("train", *given)
     assert code == UNUSABLE and out.startswith("K and K2 cannot be told apart by this experiment")
-    assert "of 64 recordings that calibrate the intervals leave parameters" in err
+    assert "of 64 recordings that calibrate the intervals leave parameters of the plant open" in err
     assert not (tmp_path / "my.tuner").exists()

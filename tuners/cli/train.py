@@ -98,7 +98,7 @@ def command(
 
 
 def accuracy(tuner: "Tuner", seed: int) -> str:
-    """Root mean square errors on plants of the test set, beside the bound, and how many are usable."""
+    """Root mean square errors on test plants, beside the bound, and how many are usable."""
     from tuners.tuner.comparison import TUNER, compare
 
     found = compare(tuner, VALIDATION, seed)
@@ -135,7 +135,7 @@ def leaks(plant: Plant, found: "Comparison") -> list[str]:
             unit = unit_of(name)
             said.append(
                 f"Warning: {metric_name(name)} {quantity(rms, unit, 2)} rms is far below the "
-                f"{quantity(least, unit, 2)} that the noise allows: the simulator leaks the answer, "
-                "or the noise is not applied."
+                f"{quantity(least, unit, 2)} that the noise allows: the simulator leaks the "
+                "answer, or the noise is not applied."
             )
     return said

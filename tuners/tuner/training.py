@@ -178,9 +178,9 @@ def calibrate(tuner: Tuner, episodes: int, seed: int = 0, progress: Progress | N
         vague = (~np.isfinite(spread) & np.isfinite(actual)).any(axis=1).sum()
         if vague > lost:
             raise ValueError(
-                f"{vague} of {len(actual)} recordings that calibrate the intervals leave parameters "
-                "of the plant open, at most a tenth may. Give one of those that cannot be told "
-                "apart or do not show as a number, or describe another experiment."
+                f"{vague} of {len(actual)} recordings that calibrate the intervals leave "
+                "parameters of the plant open, at most a tenth may. Give one of those that cannot "
+                "be told apart or do not show as a number, or describe another experiment."
             )
         raise ValueError(
             f"{lost} of {len(actual)} loops that calibrate the intervals are unstable or have no "
