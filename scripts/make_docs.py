@@ -56,6 +56,20 @@ CLI_PAGE = """\
 
 {commands}
 
+## How `excite` and `train` use simulations
+
+`excite --wanted W` simulates recordings of 32 plants of the prior, with the noise of today's
+experiment or of `--noise`, and finds length and amplitude for which nine out of ten claim an
+interval of ± W or less; the width falls about as 1/(amplitude √length). A table shows the median
+too, and what length or amplitude alone would have to be. For a plant whose loop has no target of
+phase margin and crossover the width is the Cramér–Rao bound's; describe the new experiment in the
+plant before a tuner learns from it.
+
+`train` first names parameters that the experiment cannot tell apart, by the Fisher information of
+64 plants in widths of the ranges: a direction counts as not found where it holds less than the
+prior's own precision, 12. Errors below 0.7 of what noise and prior allow, on 100 episodes or more,
+are warned of: such a simulator leaks the answer, or its noise is not applied.
+
 ## What a log may hold
 
 Every tuner reads logs in the same way, for a vehicle as for [any other plant](plants.md).
@@ -78,6 +92,8 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
   above ten of the plant's where it has no crossover.
 - **Stretch**: of a log longer than two experiments the best-excited part is used, for plants
   with `linear=True`. Others start from rest and are used from the first sample on.
+- **`--Ts`** takes the place of a time column: beside `--time-column` or `--time-unit` it is
+  refused.
 - **`--start auto`** means `rest` for plants whose responses do not add up.
 
 `--steer-column`, `--steer-unit`, `--flip-steer` and `--steer-is` are other names of the

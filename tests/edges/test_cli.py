@@ -366,6 +366,8 @@ REFUSED = [
     ("tune {log} --measured v_x", WRONG, "--measured"),
     ("tune {log} --measured speed=wheel", WRONG, "'wheel'"),
     ("tune {log} --tuner {lag}", UNUSABLE, "valve"),
+    ("tune {log} --Ts 0.01 --time-column t", WRONG, "--Ts 0.01 and --time-column t contradict"),
+    ("tune {log} --Ts 10 --time-unit ms", WRONG, "--time-unit ms contradict"),
     ("train -o {tmp}/my.tuner --episodes 1e10", WRONG, "--episodes"),
     ("train -o {tmp}/my.tuner --episodes 1.5", WRONG, "--episodes"),
     ("train -o {tmp}/my.tuner --episodes 3", UNUSABLE, "episodes"),

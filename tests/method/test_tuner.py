@@ -422,6 +422,14 @@ def test_gains_of_any_sign_have_their_own_coordinates():
     assert np.abs(own.metric_values(block.theta, found)).mean() < 0.1
 
 
+def test_what_is_saved_has_a_name_that_load_knows_for_a_file(tmp_path):
+    with pytest.raises(ValueError, match=r"path = .*own' must end in \.tuner.*own\.tuner'"):
+        trained("lag").save(tmp_path / "own")
+    assert not list(tmp_path.iterdir())
+    trained("lag").save(str(tmp_path / "own.tuner"))
+    assert tuners.load(str(tmp_path / "own.tuner")).plant.entry == "first_order:linear"
+
+
 CHANGES = [
     ({"features": None}, "features"),
     ({"features": {"name": "laguerre", "order": 0, "pole": 2.0}}, "order"),

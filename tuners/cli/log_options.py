@@ -32,6 +32,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
     def gathered(**given: Any) -> Any:
         columns = {role: given.pop(f"{role}_column") for role in ROLES}
         units = {role: given.pop(f"{role}_unit") for role in ROLES}
+        _check_time(given["Ts"], columns["time"], units["time"])
         values = {SPEED: given.pop("speed")}
         measured = _once(given.pop("measured"), _given(columns) | _given(values))
         columns |= {name: value for name, value in measured.items() if isinstance(value, str)}
@@ -60,6 +61,16 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
+
+
+def _check_time(Ts: float | None, column: str | None, unit: str | None) -> None:
+    """Refuse a sampling time beside a time column or its unit."""
+    for flag, value in (("--time-column", column), ("--time-unit", unit)):
+        if Ts is not None and value is not None:
+            raise click.UsageError(
+                f"--Ts {Ts:g} and {flag} {value} contradict each other: --Ts, in seconds, takes "
+                "the place of a time column. Leave out one of the two."
+            )
 
 
 def _once(

@@ -3,6 +3,9 @@
 import math
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tuners.export.forms import Forms
 from tuners.logs import Log
 from tuners.trust.intervals import Interval
@@ -124,6 +127,14 @@ def displayed(plant: Plant) -> tuple[tuple[str, float], tuple[str, float]]:
     """Names of input and output for people, and the factors to their units."""
     input, output = plant.signals
     return plant.display or ((input, 1.0), (output, 1.0))
+
+
+def levels(plant: Plant, u: NDArray[np.float64]) -> str:
+    """Range of an input (N,) in the unit for people: ``±1 deg``."""
+    (name, factor), _ = displayed(plant)
+    low, high = factor * float(u.min()), factor * float(u.max())
+    start = "±" if np.isclose(-low, high) else "" if low == high else f"{low:.3g} to "
+    return start + quantity(high, split(name)[1], digits=3)
 
 
 def gain_units(plant: Plant) -> dict[str, str]:

@@ -11,14 +11,19 @@ from tuners.cli.arguments import COUNT, SEED, Output, example, refuse_overwritin
 from tuners.cli.sources import plant_from
 from tuners.cli.text import metric_name, quantity, unit_of
 from tuners.tuner.tuner_file import SUFFIX
+from yawrate_env.plant.plant import Plant
 
 if TYPE_CHECKING:
     from tuners import Tuner
+    from tuners.tuner.comparison import Comparison
 
 VALIDATION = 300
 
 CALIBRATION = 2000
 """Episodes that calibrate the intervals."""
+
+ENOUGH, LEAKS = 100, 0.7
+"""Test episodes, and the share of the least error, below which an error is too good to be true."""
 
 USUAL = 0.95
 """Share of the validation recordings that are trusted; below it the output names a remedy."""
@@ -46,8 +51,12 @@ def command(
 ) -> None:
     """Train a tuner for a vehicle or another plant, and print its accuracy.
 
+    First come parameters of the prior that the experiment cannot tell apart or does not show.
+
     The errors of its metrics on simulated plants of the test set are printed beside the
-    Cramér-Rao bound, the least that an unbiased tuner can reach.
+    Cramér-Rao bound, the least that an unbiased tuner can reach, with the share of these
+    recordings that it will find usable, or usable with care. An error far below what the noise
+    and the prior allow is warned of.
 
     Another plant than a vehicle is one line of TOML, entry = "module:attribute" in
     [plant]; the module is found beside the file.
@@ -62,17 +71,24 @@ def command(
         raise click.ClickException('Training needs PyTorch: pip install "yawrate[tuners]".')
     import tuners
     from tuners.cli.progress import Bars
+    from tuners.trust.distinction import distinction
 
+    given = None if folder is not None and vehicle is None else plant_from(vehicle)
+    if folder is None:
+        assert given is not None
+        plant = given
+    else:
+        from tuners import data
+
+        plant = data.Folder(folder, given).recipe.plant
+    for sentence in distinction(plant).sentences():
+        click.echo(sentence)
     with Bars() as bars:
         if folder is not None:
-            from tuners import data
-
-            plant = None if vehicle is None else plant_from(vehicle)
             tuner = data.train(folder, plant=plant, seed=seed, progress=bars)
         else:
             from tuners.tuner.training import recipe_for_logs
 
-            plant = plant_from(vehicle)
             recipe = recipe_for_logs(plant)
             tuner = tuners.train(
                 recipe, plant, episodes=episodes, seed=seed, calibration=CALIBRATION, progress=bars
@@ -82,15 +98,44 @@ def command(
 
 
 def accuracy(tuner: "Tuner", seed: int) -> str:
-    """Root mean square errors on plants of the test set, beside the bound."""
+    """Root mean square errors on test plants, beside the bound, and how many are usable."""
     from tuners.tuner.comparison import TUNER, compare
 
     found = compare(tuner, VALIDATION, seed)
-    bound = np.sqrt(np.nanmean(found.bound**2, axis=0))
+    bounds = (np.sqrt(np.nanmean(each**2, axis=0)) for each in (found.bound, found.informed))
     errors = [
-        f"{metric_name(name)} {quantity(rms, unit_of(name), 2)} rms (bound {least:.2g})"
-        for name, rms, least in zip(tuner.plant.counted, found.rms(TUNER), bound, strict=True)
+        f"{metric_name(name)} {quantity(rms, unit_of(name), 2)} rms ("
+        + (f"bound {least:.2g})" if np.isfinite(least) else f"bound {informed:.2g} with the prior)")
+        for name, rms, least, informed in zip(
+            tuner.plant.counted, found.rms(TUNER), *bounds, strict=True
+        )
     ]
-    unstable, trusted = found.unstable(TUNER), found.trusted.mean()
-    said = f"{', '.join(errors)}; {unstable} of {VALIDATION} loops unstable; {trusted:.0%} trusted"
-    return said if trusted > USUAL else f"{said}, more would be with larger scales of the metrics"
+    unstable = found.unstable(TUNER)
+    usable, careful = ((found.verdicts == verdict).mean() for verdict in (0, 1))
+    said = (
+        f"{', '.join(errors)}; {unstable} of {VALIDATION} loops unstable; of these recordings "
+        f"{usable:.0%} will be usable, {careful:.0%} usable with care"
+    )
+    if found.trusted.mean() <= USUAL:
+        said += ", more would be with larger scales of the metrics"
+    return "\n".join([said, *leaks(tuner.plant, found)])
+
+
+def leaks(plant: Plant, found: "Comparison") -> list[str]:
+    """Warnings for metrics that the tuner finds better than its data and the prior allow."""
+    from tuners.tuner.comparison import TUNER
+
+    errors, said = found.errors[TUNER], []
+    for i, name in enumerate(plant.counted):
+        both = np.isfinite(errors[:, i]) & np.isfinite(found.informed[:, i])
+        if both.sum() < ENOUGH:
+            continue
+        rms, least = (np.sqrt((x[both, i] ** 2).mean()) for x in (errors, found.informed))
+        if rms < LEAKS * least:
+            unit = unit_of(name)
+            said.append(
+                f"Warning: {metric_name(name)} {quantity(rms, unit, 2)} rms is far below the "
+                f"{quantity(least, unit, 2)} that the noise allows: the simulator leaks the "
+                "answer, or the noise is not applied."
+            )
+    return said

@@ -29,10 +29,12 @@ Array = NDArray[np.float64]
 STARTS = ("auto", "rest", "offset", "unknown")
 ORDERS = (16, 24, 32)
 
+SAMPLES = 10
+"""For each function, at least."""
+
 _PLANTS, _MORE_PLANTS, _MOST_PLANTS, _POLES = 16, 64, 512, 25
 _SEED = 21
 _HIDDEN = 4.0  # of the noise's variance, where a start has some twenty unknowns
-_SAMPLES = 10  # for each function, at least
 _SIGNIFICANT = 4.0  # standard deviations of the statistic under rest
 _LARGEST_KEPT = 20_000  # samples: 3 MB
 _NEGLIGIBLE = 3e-6  # of the output's energy: the functions themselves may leave out as much
@@ -112,7 +114,7 @@ def functions_for(plant: Plant) -> Laguerre:
         order, pole = plant.black_box
         return Laguerre(order, pole)
     for order in ORDERS:
-        functions = suited(plant, min(order, len(plant.u) // _SAMPLES))
+        functions = suited(plant, min(order, len(plant.u) // SAMPLES))
         if not plant.linear or functions.order < order or _hidden(plant, functions):
             break
     return functions
@@ -185,9 +187,9 @@ def black_box(
     """
     validation.one_of("start", start, STARTS)
     n, N, Ts = functions.order, y.shape[1], plant.Ts
-    if N < _SAMPLES * n:
+    if N < SAMPLES * n:
         raise ValueError(
-            f"{N} samples are too few, at least {_SAMPLES * n} are needed. Record for longer."
+            f"{N} samples are too few, at least {SAMPLES * n} are needed. Record for longer."
         )
     Z, constant = free_responses(functions, N, Ts)
     levels = {"rest": (0,), "offset": (1,), "unknown": (len(Z),)}.get(start, (0, 1, 2, len(Z)))

@@ -15,6 +15,9 @@ from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
+PRECISION = 12.0
+"""Inverse variance of a uniform density of width one: what a prior knows."""
+
 _STEP = 1e-3  # of a range: metrics may come from a simulation's samples
 
 
@@ -27,6 +30,20 @@ def cramer_rao(plant: Plant, theta: Array, u: Array | None = None) -> Array:
         The inputs, if not the experiment's.
     """
     return spread(metric_slopes(plant, theta), parameter_covariance(plant, theta, u))
+
+
+def bounds(plant: Plant, theta: Array, u: Array | None = None) -> tuple[Array, Array]:
+    """The bound (B, f), and the least of a tuner that knows the prior too, (B, f).
+
+    A uniform prior has the precision 12 in units of its width, which adds to the information
+    (van Trees' inequality, for a normal density of the same variance).
+    """
+    slopes = output_slopes(plant, theta, u)
+    sigma, J = plant.sigma(plant.respond(theta, u)), metric_slopes(plant, theta)
+    variance = sigma[:, None, None] ** 2
+    gram = slopes @ slopes.swapaxes(1, 2) + PRECISION * variance * np.eye(slopes.shape[1])
+    informed = variance * np.linalg.pinv(gram, hermitian=True)
+    return spread(J, covariance_of(slopes, sigma)), spread(J, informed)
 
 
 def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> Array:

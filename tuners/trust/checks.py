@@ -29,7 +29,7 @@ _DOUBT = 3.0  # standard deviations that a finding must exceed to count
 _STEP = 1e-3  # of a range: metrics may come from a simulation's samples
 _WHITE = 2.0  # times white noise's power in a band: what white noise may happen to have
 _MISS = 2.0  # times a metric's `error`
-_FOREIGN = 60.0  # times a metric's `error`: a reversed sign, other units, no such plant
+_FOREIGN = (90.0, 0.6)  # deg, of the crossover: a reversed sign, other units, no such plant
 _SMALL = 0.8  # of a miss: where one of two answers is right, the other is no miss either
 
 
@@ -233,7 +233,8 @@ def assess(
         if response is not None:
             most = _SMALL * _MISS * error
             contrast = np.where(np.isnan(judged.contrast), np.inf, judged.contrast)
-            findings |= checks.of_metrics("contrast", contrast, most, _FOREIGN * error, _CONTRAST)
+            foreign = np.array([_FOREIGN[0], _FOREIGN[1] * response.target.crossover])
+            findings |= checks.of_metrics("contrast", contrast, most, foreign, _CONTRAST)
             off = np.maximum(off - _DOUBT * spread, 0.0)
             findings |= checks.of_response(response, gains)
         refused = _MISS * error if response is not None else error

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.trust.bound import cramer_rao
+from tuners.trust.bound import bounds
 from tuners.trust.identification import identify, identify_from_several
+from tuners.trust.verdict import Verdict
 from tuners.tuner.evaluation import pieces
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner
@@ -30,17 +31,27 @@ class Comparison:
         unstable.
     bound : NDArray
         (E, f) least standard deviations.
-    trusted, converged : NDArray
-        (E,) whether the tuner's gains were trusted; whether the gray box converged.
+    informed : NDArray
+        (E, f) the same of a tuner that knows the prior too.
+    verdicts : NDArray
+        (E,) on the tuner's gains: 0 usable, 1 with care, 2 refused.
+    converged : NDArray
+        (E,) whether the gray box converged.
     covered : NDArray
         (E, f) whether the tuner's 90 % intervals held.
     """
 
     errors: dict[str, Array]
     bound: Array
-    trusted: NDArray[np.bool_]
+    informed: Array
+    verdicts: NDArray[np.int64]
     converged: NDArray[np.bool_]
     covered: NDArray[np.bool_]
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Whether the tuner's gains were usable, with care or without, (E,)."""
+        return np.asarray(self.verdicts < len(Verdict) - 1)
 
     def rms(self, name: str) -> Array:
         """Root mean square errors (f,) over the stable loops."""
@@ -58,7 +69,8 @@ class _Compared:
     several: Array
     nominal: Array
     bound: Array
-    trusted: NDArray[np.bool_]
+    informed: Array
+    verdicts: NDArray[np.int64]
     converged: NDArray[np.bool_]
     covered: NDArray[np.bool_]
 
@@ -78,7 +90,9 @@ def compare(tuner: Tuner, count: int, seed: int) -> Comparison:
         NOMINAL: rows.nominal,
         ORACLE: np.where(np.isnan(rows.bound), np.nan, 0.0),
     }
-    return Comparison(errors, rows.bound, rows.trusted, rows.converged, rows.covered)
+    return Comparison(
+        errors, rows.bound, rows.informed, rows.verdicts, rows.converged, rows.covered
+    )
 
 
 def _compared(tuner: Tuner, block: Episodes) -> _Compared:
@@ -97,8 +111,8 @@ def _compared(tuner: Tuner, block: Episodes) -> _Compared:
             plant.metric_values(theta, plant.oracle(gray_box.theta)) - right,
             plant.metric_values(theta, plant.oracle(several.theta)) - right,
             plant.metric_values(theta, nominal) - right,
-            cramer_rao(plant, theta, block.u),
-            found.trusted,
+            *bounds(plant, theta, block.u),
+            found.verdicts,
             gray_box.converged,
             np.abs(actual - found.metrics) <= np.array(tuner.calibration) * found.spread,
         )

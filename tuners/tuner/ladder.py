@@ -141,9 +141,11 @@ def _confirmed(plant: Plant, fitted: Fit, own: Gains, refined: Array) -> Flags:
     """Where fitted plants confirm gains: as good as the design rule's, as far as noise tells."""
     with np.errstate(all="ignore"):
         metrics, spread = predicted(plant, fitted, own.values)
-        off = np.abs(metrics - plant.metric_values(fitted.theta, refined))
+        rule = plant.metric_values(fitted.theta, refined)
+        aim = rule if plant.target is None else np.array(plant.target)
         allowed = _CONFIRMED * spread + _NEGLIGIBLE * plant.metric_setting("error")
-        return np.asarray((off <= allowed).all(axis=1) & own.converged)
+        near = np.abs(metrics - aim) <= np.abs(rule - aim) + allowed
+        return np.asarray(near.all(axis=1) & own.converged)
 
 
 def left(plant: Plant, climbed: Climb, found: Assessment, i: int) -> tuple[str, ...]:

@@ -213,6 +213,13 @@ def _factors(parts: list[Array]) -> tuple[float, ...]:
     factors = conformal(predicted, spread, actual)
     if not np.isfinite(factors).all():
         lost = np.isnan(actual).any(axis=1).sum()
+        vague = (~np.isfinite(spread) & np.isfinite(actual)).any(axis=1).sum()
+        if vague > lost:
+            raise ValueError(
+                f"{vague} of {len(actual)} recordings that calibrate the intervals leave "
+                "parameters of the plant open, at most a tenth may. Give one of those that cannot "
+                "be told apart or do not show as a number, or describe another experiment."
+            )
         raise ValueError(
             f"{lost} of {len(actual)} loops that calibrate the intervals are unstable or have no "
             "gains, at most a tenth may be, of ten or more. Train on more plants, or narrow the "

@@ -29,9 +29,11 @@ from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
+LONGEST = 200_000
+"""Samples of one recording, at most."""
+
 _SLOWEST = 0.1  # sampling time, in periods of the crossover
 _COARSEST = 10.0  # sampling time, in those of the experiment, where there is no crossover
-_LONGEST = 200_000  # samples of one recording
 _MISSED = 0.01  # of the output's standard deviation: what a spline may miss between samples
 _TOO_SLOW = "A spline misses part of the output between these slow samples: record faster."
 _STILL = 1e-9  # of the experiment's largest input or output: smaller variations are none
@@ -125,7 +127,8 @@ class Tuner:
         plant, climbed, assessment = self.plant, *self.climb(recording, start)
         if recording.Ts > plant.Ts * (1 + notes.ROUNDED):
             values = _between(recording, assessment)
-            missed = Finding(values, _MISSED, _MISSED, _TOO_SLOW)
+            message = plant.messages.get("between", _TOO_SLOW)
+            missed = Finding(values, _MISSED, _MISSED, message)
             assessment = assessment.followed_by({"between": missed})
         given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
         return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
@@ -167,7 +170,7 @@ class Tuner:
         validation.number("Ts", recording.Ts, at_most=slowest(plant), remedy=remedy)
         samples = recording.y.shape[1] * recording.Ts / plant.Ts
         remedy = "Cut to the best part, or decimate."
-        validation.number("number of samples at the tuner's Ts", samples, at_most=_LONGEST,
+        validation.number("number of samples at the tuner's Ts", samples, at_most=LONGEST,
                           remedy=remedy)  # fmt: skip
         alone = method.rungs == (Rung.BLACK_BOX,)
         theta = recording.parameters(plant, needed=not alone)
@@ -218,7 +221,7 @@ class Tuner:
         return values if found.all() else np.where(found, values, self.fallback)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the tuner to one file, completely or not at all."""
+        """Write the tuner to a file, ``*.tuner``, completely or not at all."""
         settings = {
             "method": self.method.kind,
             **self.method.settings(),

@@ -102,7 +102,16 @@ def save(
     settings: dict[str, Any],
     arrays: dict[str, NDArray[Any]],
 ) -> None:
-    """Write a tuner's settings and arrays, and where its plant is found again."""
+    """Write a tuner's settings and arrays, and where its plant is found again.
+
+    ``ValueError`` for a path by which `tuners.load` would not know it for a file.
+    """
+    name = os.fsdecode(path)
+    if not name.endswith(SUFFIX):
+        raise ValueError(
+            f"path = {name!r} must end in {SUFFIX}: tuners.load takes other names for those of "
+            f"the package's tuners. Save it as {name + SUFFIX!r}."
+        )
     described = {
         "entry": entry.named(plant, "A saved tuner"),
         "arguments": dict(plant.arguments),

@@ -8,7 +8,7 @@ import numpy as np
 
 from yawrate_env import validation
 from yawrate_env.plant.metric import Metric
-from yawrate_env.plant.names import CHECKS, check_name, check_unique
+from yawrate_env.plant.names import CHECKS, OF_METRICS, check_name, check_unique, split
 from yawrate_env.plant.parameters import Spread, spread
 from yawrate_env.plant.parametrisation import Parametrisation
 
@@ -41,6 +41,7 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
         plant["target"] = tuple(target.tolist())
     _check_limits(plant["search_limits"], plant["prior"])
     _check_names(plant)
+    _check_messages(plant)
     return plant
 
 
@@ -111,8 +112,16 @@ def _black_box(name: str, value: Any) -> Any:
     return None if value is None else _pair(name, value, "(20, 12.0)", validation.count, pole)
 
 
-def _interval_or_none(name: str, value: Any) -> Any:
-    return None if value is None else validation.interval(name, value)
+def _command_limits(name: str, value: Any) -> Any:
+    if value is None:
+        return None
+    low, high = validation.interval(name, value)
+    if low == high:
+        raise ValueError(
+            f"{name} = {value!r} leaves no room: the largest input must be above the least. "
+            "Give both, as in (-12.0, 12.0)."
+        )
+    return low, high
 
 
 def _metric(name: str, value: Any) -> Metric:
@@ -159,8 +168,17 @@ def _check_names(plant: Mapping[str, Any]) -> None:
     check_unique({
         "check of every recording": CHECKS,
         "measured parameter": [labels[name] for name in plant["measured"]],
-        "metric's check": [check_name(name, of) for name in metrics for of in ("error", "spread")],
+        "metric's check": [check_name(name, of) for name in metrics for of in OF_METRICS],
     })  # fmt: skip
+
+
+def _check_messages(plant: Mapping[str, Any]) -> None:
+    """Each message belongs to a check that recordings of the plant may undergo."""
+    counted = [name for name, metric in plant["metrics"].items() if metric.counts]
+    measured = [split(plant["labels"].get(name, name))[0] for name in plant["measured"]]
+    of_metrics = [check_name(name, of) for name in counted for of in OF_METRICS]
+    for name in plant["messages"]:
+        validation.one_of("messages' check", name, (*CHECKS, *measured, *of_metrics))
 
 
 def _display(name: str, value: Any) -> Any:
@@ -208,7 +226,7 @@ _SETTINGS: dict[str, Check] = {
     **dict.fromkeys(("messages", "cautions"), partial(_mapping, check=validation.text)),
     **dict.fromkeys(("arguments", "synonyms"), partial(_mapping, check=lambda name, value: value)),
     "black_box": _black_box,
-    "command_limits": _interval_or_none,
+    "command_limits": _command_limits,
     "display": _display,
 }  # fmt: skip
 

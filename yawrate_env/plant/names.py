@@ -17,6 +17,9 @@ CHECKS = (
 )  # fmt: skip
 """Checks that every plant's recordings undergo."""
 
+OF_METRICS = ("error", "spread", "contrast")
+"""What is checked of each counted metric: `check_name`."""
+
 
 def split(name: str) -> tuple[str, str]:
     """Split ``speed [rad/s]`` into name and unit."""
@@ -37,7 +40,7 @@ def word(signal: str, otherwise: str) -> str:
 
 
 def check_name(metric: str, of: str) -> str:
-    """Name of the check of a metric's ``error`` or ``spread``."""
+    """Name of the check of a metric's ``error``, ``spread`` or ``contrast``."""
     return f"{_identifier(metric)}_{of}"
 
 

@@ -124,7 +124,8 @@ class Plant(Parameters):
         p parameters are this plant's.
     messages : dict, optional
         Checks of a recording (`tuners.trust.checks`) to the sentence that is shown where they
-        fail, in the terms of this plant.
+        fail, in the terms of this plant: those of every plant, labels of measured parameters, and
+        ``<metric>_error``, ``_spread`` and ``_contrast``.
     entry : str
         ``module:attribute`` where the description is found again; saved tuners name it.
     arguments : dict, optional
