@@ -1,4 +1,4 @@
-"""Kinds of faults by group and name; severities were fixed before the study was run."""
+"""Kinds of faults by group and name; how severe they are, their steps say."""
 
 from studies import log_steps, signal_steps, vehicle_steps
 from studies.drives import Fault

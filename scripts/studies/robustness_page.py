@@ -25,6 +25,10 @@ alone, the simulator **fitted** to the recording, the **black box** that knows n
 **miss** is a loop that is unstable, or farther than {phase_margin:g}° or {crossover:g} Hz from the
 target; where no PI reaches the target, from what the design rule reaches with the true vehicle.
 
+The true vehicle is the linear one as the recording starts: what changes on the way, and a deadband,
+play or limit of the actuator, are in the recording and not in the loop. How severe a fault is, its
+step says (`vehicle_steps.py`, `signal_steps.py` and `log_steps.py` in `scripts/studies/`).
+
 {pooled}
 {sentences}
 
@@ -115,9 +119,9 @@ def _sentences(rows: Sequence[Row], names: Sequence[str]) -> str:
     if asked:
         of = pooled(asked)
         parts.append(
-            f"Faults that only the log has cannot be told from another vehicle by any fit: of "
-            f"{of.recordings} such recordings {of.asked} ({_share(of.asked or 0, of.recordings)}) "
-            "are answered with a question to the one who recorded."
+            f"Of {of.recordings} recordings whose fault only the log has, {of.asked} "
+            f"({_share(of.asked or 0, of.recordings)}) are answered with a question among the "
+            "reasons."
         )
     return "\n".join(f"- {part}" for part in parts)
 
