@@ -3,7 +3,7 @@
 python scripts/robustness.py                     # 300 recordings a kind and condition
 python scripts/robustness.py --recordings 20 --tuner ts-ff-lag
 
-Results go to results/robustness.*, the picture to figures/robustness.png.
+Results go to results/robustness.*, pictures to figures/robustness*.png.
 """
 
 from pathlib import Path
@@ -32,7 +32,8 @@ def main(recordings: int, seed: int, tuner: str, results: Path, figures: Path) -
         rows = robustness.study(tested, task, count=recordings, seed=seed, progress=bars)
     given = {"tuner": Path(tuner).stem, "recordings": recordings, "seed": seed}
     robustness_page.write(rows, levels, given, results)
-    plots.save(robustness_plot.degrees(levels), figures / "robustness.png")
+    plots.save(robustness_plot.degrees(levels), figures / "robustness_degree.png")
+    plots.save(robustness_plot.kinds(rows), figures / "robustness.png")
     print((results / "robustness.md").read_text())
 
 

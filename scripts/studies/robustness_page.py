@@ -32,13 +32,15 @@ step says (`vehicle_steps.py`, `signal_steps.py` and `log_steps.py` in `scripts/
 {pooled}
 {sentences}
 
+![Who misses, and what the verdicts say, kind by kind](../figures/robustness.png)
+
 The intervals are those of 90 % for phase margin and crossover, of answers that are not refused;
 the rms is that of answers that neither miss nor are refused. Rungs say who answered: learner /
 fitted plant / black box / nobody.
 
 ## By how much the vehicle's data may be wrong
 
-![Accuracy, intervals and verdicts over the degree of wrongness](../figures/robustness.png)
+![Accuracy, intervals and verdicts over the degree of wrongness](../figures/robustness_degree.png)
 
 All of the vehicle's data are wrong, each by up to the degree and either way; {level}, {each}
 recordings at each degree. Intervals of learner and fitted plant take the data for exact, and are as

@@ -173,6 +173,14 @@ def test_page_and_numbers_say_the_same(rows, levels, tmp_path):
     assert f"Of {4 * COUNT} recordings with a fault" in text and "nan" not in text
 
 
+def test_picture_has_a_row_a_kind_and_bars_of_all_answers(rows):
+    who, what = robustness_plot.kinds(rows).axes
+    labels = [label.get_text() for label in who.get_yticklabels()]
+    assert labels == [kind for kinds in FEW.values() for kind in kinds]
+    ends = {round(bar.get_y(), 6): bar.get_x() + bar.get_width() for bar in what.patches}
+    np.testing.assert_allclose(list(ends.values()), 100)
+
+
 def test_wrong_data_break_the_learner_and_not_the_ladder(levels, tmp_path, monkeypatch):
     assert [(x.degree, x.player) for x in levels] == [(d, p) for d in (0.0, 20.0) for p in PLAYERS]
     exact, off = ({x.player: x for x in levels if x.degree == d} for d in (0.0, 20.0))
