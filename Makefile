@@ -77,7 +77,7 @@ accuracy: $(STAMP) ## results/accuracy.md and its tables; about an hour
 	@$(BIN)/python scripts/off_design.py
 	@$(BIN)/python scripts/accuracy.py page --readme README.md
 
-robustness: $(STAMP) ## results/robustness.md: who breaks where; about an hour
+robustness: $(STAMP) ## results/robustness.md: who breaks where; half an hour
 	@echo "==> scripts/robustness.py"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/robustness.py
 

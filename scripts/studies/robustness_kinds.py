@@ -4,7 +4,7 @@ from studies import log_steps, signal_steps, vehicle_steps
 from studies.drives import Fault
 from studies.log_steps import command_shifted, held
 from studies.signal_steps import gusts
-from studies.vehicle_steps import NAMES, friction_changes, speed_claimed, wrong
+from studies.vehicle_steps import NAMES, friction_changes, speed_off, wrong
 
 NOTHING = {"nothing": Fault()}
 
@@ -13,8 +13,8 @@ VEHICLE = {
     "no relaxation": Fault(vehicle=(vehicle_steps.without_relaxation,)),
     "all ± 5 %": Fault(vehicle=(wrong(*NAMES, by=0.05),)),
     "all ± 30 %, another car": Fault(vehicle=(wrong(*NAMES, by=0.3),)),
-    "speed off by up to 1 m/s": Fault(vehicle=(speed_claimed(0.0, 1.0),)),
-    "speed off by 1 to 4 m/s": Fault(vehicle=(speed_claimed(1.0, 4.0),)),
+    "speed off by up to 1 m/s": Fault(vehicle=(speed_off(0.0, 1.0),)),
+    "speed off by 1 to 4 m/s": Fault(vehicle=(speed_off(1.0, 4.0),)),
     "sensor gain ± 3 %": Fault(vehicle=(vehicle_steps.sensor_gain,)),
     "dead time up to 40 ms": Fault(vehicle=(vehicle_steps.dead_time,)),
     "J_z and l_f mask each other": Fault(vehicle=(vehicle_steps.masked_inertia,)),

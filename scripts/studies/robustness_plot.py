@@ -23,7 +23,7 @@ _VERDICTS = {
 _TITLES = (
     "phase margin: rms error [°]",
     "intervals that hold [%]",
-    "usable [%] (dashed: or with care)",
+    "usable [%], -- or with care",
 )
 _MARK: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (1, 2)), "zorder": 1.5}
 

@@ -50,12 +50,13 @@ def masked_lag(drive: Drive, rng: Rng) -> Drive:
     return replace(drive, context=scaled(vehicle, context, "l_rel_f", tyre))
 
 
-def speed_claimed(least: float, most: float) -> Step:
-    """Another speed is claimed than is driven, by so much either way [m/s]."""
+def speed_off(least: float, most: float) -> Step:
+    """Vehicles are faster or slower than the recording claims, by so much [m/s]."""
 
     def step(drive: Drive, rng: Rng) -> Drive:
         off = rng.choice([-1, 1], len(drive)) * rng.uniform(least, most, len(drive))
-        return replace(drive, v_x=drive.v_x + off)
+        context = replace(drive.context, v_x=drive.context.v_x + off)
+        return replace(drive, context=context)
 
     return step
 
