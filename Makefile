@@ -17,7 +17,7 @@ STAMP := $(VENV)/.installed
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 .SUFFIXES:
 .DEFAULT_GOAL := help
-.PHONY: help venv test test-fast lint reproduce results accuracy benchmark models clean
+.PHONY: help venv test test-fast lint reproduce results accuracy robustness benchmark models clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -56,7 +56,7 @@ reproduce: $(STAMP) ## the paper's Table III and figures 4 to 8, made here
 	@echo "==> scripts/reproduce_paper.py"
 	@$(BIN)/python scripts/reproduce_paper.py --readme README.md
 
-results: reproduce accuracy ## everything in results/: also five seeds of each agent, the nonlinear twin
+results: reproduce accuracy robustness ## everything in results/: also five seeds of each agent, the nonlinear twin
 	@echo "==> scripts/compare_rl.py (half an hour; trained agents in runs/rl are found again)"
 	@$(BIN)/python scripts/compare_rl.py
 	@echo "==> scripts/nonlinear_twin.py"
@@ -76,6 +76,10 @@ accuracy: $(STAMP) ## results/accuracy.md and its tables; about an hour
 	@echo "==> scripts/off_design.py"
 	@$(BIN)/python scripts/off_design.py
 	@$(BIN)/python scripts/accuracy.py page --readme README.md
+
+robustness: $(STAMP) ## results/robustness.md: who breaks where; half an hour
+	@echo "==> scripts/robustness.py"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/robustness.py
 
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"

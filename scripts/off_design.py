@@ -1,4 +1,4 @@
-"""Evaluate tuners off their design point, and one tuner over all speeds.
+"""Evaluate tuners off their design point, and one tuner over all speeds; learners alone.
 
 python scripts/off_design.py                     # 1500 episodes, every tuner
 python scripts/off_design.py --episodes 100 --tuner gb --tuner my.tuner
@@ -11,13 +11,16 @@ from pathlib import Path
 import click
 import numpy as np
 
-import tuners
 from studies import off_design, off_design_page, pictures, plots, schedule, schedule_page
+from studies.players import CLIMBER, LADDER, named
 from studies.program import counted, folders, program, seed
 from tuners.cli.progress import Bars
 from yawrate_env.vehicle.task import Task
 
-NAMES = ("ts-gbm", "ts-ff", "ts-gbm-lag", "ts-ff-lag", "ts-ff-lag-vx", "gb", "vrft", "frit", "rl")
+NAMES = (
+    "ts-gbm", "ts-ff", "ts-gbm-lag", "ts-ff-lag", "ts-ff-lag-vx", "rl", "gb", "bb", "vrft", "frit",
+    LADDER,
+)  # fmt: skip
 EDGES = [10.0, 13.0, 16.0, 19.0, 22.0, 25.0, 28.0, 31.0, 33.0]
 SPEEDS = np.arange(10.0, 33.5).tolist()
 CLAIMED = (20.0, 13.0, 30.0)
@@ -26,7 +29,7 @@ CLAIMED = (20.0, 13.0, 30.0)
 @program(__doc__)
 @counted("--episodes", 1500, "Of the test set.")
 @seed()
-@click.option("--tuner", multiple=True, default=NAMES, help="Name or .tuner file.")
+@click.option("--tuner", multiple=True, default=NAMES, help="Name or .tuner file, or 'ladder'.")
 @click.option("--every-speed", default="ts-ff-lag-vx", help="The tuner for all speeds.")
 @folders
 def main(
@@ -37,8 +40,8 @@ def main(
     results: Path,
     figures: Path,
 ) -> None:
-    tested = {Path(name).stem: tuners.load(name) for name in tuner}
-    name, every = Path(every_speed).stem, tuners.load(every_speed)
+    tested = {Path(name).stem: named(name) for name in tuner}
+    name, every = Path(every_speed).stem, named(every_speed)
     results.mkdir(parents=True, exist_ok=True)
     with Bars() as bars:
         cells = off_design.study(tested, Task(), episodes=episodes, seed=seed, progress=bars)
@@ -48,7 +51,7 @@ def main(
         prices = [
             schedule.price(who, of, v_x, episodes=episodes, seed=seed, progress=bars)
             for who, of, v_x in (
-                ("ts-ff-lag", tuners.load("ts-ff-lag"), 20.0),
+                (CLIMBER, named(CLIMBER), 20.0),
                 *((name, every, v_x) for v_x in CLAIMED),
             )
         ]

@@ -6,79 +6,26 @@ Severities were fixed before anything was measured.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.faulty import Faulty, Rng, claimed_speed, driven, of_prior, recorded, scaled, strength
 from tuners.tuner.recording import Recording
 from yawrate_env.batch import concatenate
-from yawrate_env.loop.simulation import simulate
-from yawrate_env.vehicle.episode import excitation, plants
-from yawrate_env.vehicle.single_track import Context, Vehicle
+from yawrate_env.vehicle.single_track import CONSTANTS, Context
 from yawrate_env.vehicle.task import Task
 
 Array = NDArray[np.float64]
-Rng = np.random.Generator
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Faulty:
-    """Recordings as a tuner is given them, and the truth.
-
-    Attributes
-    ----------
-    recording : Recording
-        What is claimed.
-    context : Context
-        True vehicles.
-    vehicle : Vehicle or sequence of Vehicle
-        What else is true of them.
-    real : bool
-        Whether any vehicle stands behind the signals at all.
-    """
-
-    recording: Recording
-    context: Context
-    vehicle: tuple[Vehicle, ...]
-    real: bool = True
-
 
 Kind = Callable[[Task, Rng, int], Faulty]
-
-
-def of_prior(task: Task, rng: Rng, count: int) -> Context:
-    """Vehicles of the prior."""
-    prior = task.prior
-    ranges = prior.mu_s, prior.M_delta, prior.v_x
-    mu_s, M_delta, v_x = (rng.uniform(low, high, count) for low, high in ranges)
-    return Context(mu_s, M_delta, v_x)
-
-
-def recorded(
-    task: Task, context: Context, rng: Rng, vehicle: Vehicle | None = None, Ts: float | None = None
-) -> tuple[Array, Array, Array]:
-    """Command (B, N), noise-free yaw rate (B, N) and the noise to add (B, N)."""
-    own = replace(task.experiment, Ts=Ts or task.experiment.Ts)
-    start = rng.integers(0, 2**63, len(context), dtype=np.uint64)
-    u = np.broadcast_to(excitation(own, start), (len(context), own.N)).copy()
-    clean = simulate(plants(vehicle or task.vehicle, context, own.Ts), u)
-    sigma = np.sqrt((clean**2).mean(axis=1, keepdims=True) * 10 ** (-own.snr_db / 10))
-    return u, clean, sigma * rng.standard_normal(clean.shape)
-
-
-def claimed_speed(v_x: Array) -> Array:
-    """Known parameters (B, 3) of recordings that come with a speed [m/s], (B,)."""
-    known = np.full((len(v_x), 3), np.nan)
-    known[:, 2] = v_x
-    return known
 
 
 def _usual(task: Task, rng: Rng, count: int) -> tuple[Context, Array, Array, Array, Array]:
     context = of_prior(task, rng, count)
     u, clean, noise = recorded(task, context, rng)
-    rms = np.sqrt((clean**2).mean(axis=1, keepdims=True))
-    return context, u, clean, noise, rms
+    return context, u, clean, noise, strength(clean)
 
 
 def _claim(
@@ -88,12 +35,11 @@ def _claim(
     context: Context,
     *,
     v_x: Array | None = None,
-    vehicle: tuple[Vehicle, ...] | None = None,
     real: bool = True,
 ) -> Faulty:
     known = claimed_speed(context.v_x if v_x is None else v_x)
     recording = Recording(np.ascontiguousarray(u), y, task.experiment.Ts, known)
-    return Faulty(recording, context, vehicle or (task.vehicle,), real)
+    return Faulty(recording, context, real)
 
 
 def wrong_sampling_time(task: Task, rng: Rng, count: int) -> Faulty:
@@ -146,7 +92,7 @@ def constant_input(task: Task, rng: Rng, count: int) -> Faulty:
     """The steering is held; a vehicle that goes round in circles."""
     context, u, _, noise, _ = _usual(task, rng, count)
     held = np.full_like(u, task.experiment.amplitude)
-    clean = simulate(plants(task.vehicle, context, task.experiment.Ts), held)
+    clean = driven(task, context, held)
     return _claim(task, held, clean + noise, context)
 
 
@@ -222,15 +168,11 @@ def mass_outside(task: Task, rng: Rng, count: int) -> Faulty:
 def another_vehicle(task: Task, rng: Rng, count: int) -> Faulty:
     """Every parameter of the vehicle multiplied by 0.6 to 1.6."""
     context = of_prior(task, rng, count)
-    names = [field.name for field in fields(Vehicle) if field.name != "xi"]
-    vehicles, parts = [], []
-    for i in range(count):
-        scaled = {name: getattr(task.vehicle, name) * rng.uniform(0.6, 1.6) for name in names}
-        vehicles.append(replace(task.vehicle, **scaled))
-        one = Context(context.mu_s[i : i + 1], context.M_delta[i : i + 1], context.v_x[i : i + 1])
-        parts.append(recorded(task, one, rng, vehicle=vehicles[-1]))
-    u, clean, noise = (np.concatenate(x) for x in zip(*parts, strict=True))
-    return _claim(task, u, clean + noise, context, vehicle=tuple(vehicles))
+    for name in CONSTANTS:
+        if name != "xi":
+            context = scaled(task.vehicle, context, name, rng.uniform(0.6, 1.6, count))
+    u, clean, noise = recorded(task, context, rng)
+    return _claim(task, u, clean + noise, context)
 
 
 def gaps(task: Task, rng: Rng, count: int) -> Faulty:

@@ -1,7 +1,8 @@
 """Every tuner off its design point: the same episodes for all, evaluated on the true vehicle.
 
-Gains and trust are those of `Tuner.tune`, with offsets and starts taken out.  Where a tuner
-refuses a recording, its cell has the message.
+Gains and trust are those of `Tuner.assess`, with offsets and starts taken out; learners come
+alone (`studies.players`), and the ladder is a tuner of its own.  Where a tuner refuses a recording,
+its cell has the message.
 """
 
 from collections.abc import Callable, Mapping, Sequence

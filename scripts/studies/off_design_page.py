@@ -8,6 +8,7 @@ from pathlib import Path
 from studies.conditions import SWEEPS, Level
 from studies.markdown import general, table
 from studies.off_design import Accuracy, Cell
+from studies.players import CLIMBER, LADDER
 from studies.trusting import MISS
 from yawrate_env.files import write_text
 
@@ -15,8 +16,8 @@ _PAGE = """\
 # Off the design point
 
 Every tuner gets the same {episodes} episodes of the `test` set (seed {seed}) under every
-condition, and keeps what it was made for; gains and trust are those of `Tuner.tune`. What is off is
-the true vehicle, relative to the one that the tuners know. Errors are root mean squares of the
+condition, and keeps what it was made for; learners answer with their own gains. {ladder}What is off
+is the true vehicle, relative to the one that the tuners know. Errors are root mean squares of the
 distance from the target on the true vehicle, over the stable loops; their 95 % bootstrap intervals
 are in `off_design.json`. A miss is a loop that is unstable, or farther from the target than
 {phase_margin:g}° or {crossover:g} Hz. The Cramér–Rao bound, over the same episodes, is given where
@@ -32,6 +33,11 @@ multiple of it.
 ## Trust: gains trusted / unstable loops / misses / misses that were trusted
 
 {trust}{refusals}"""
+
+_LADDER = (
+    f"`{LADDER}` is `{CLIMBER}` with the fitted simulator and the black box to fall back on, as "
+    "`tune` has them.\n"
+)
 
 
 def write(cells: Sequence[Cell], seed: int, folder: Path) -> None:
@@ -51,6 +57,7 @@ def write(cells: Sequence[Cell], seed: int, folder: Path) -> None:
 
 def page(cells: Sequence[Cell], seed: int) -> str:
     """One table each for phase margin, crossover and trust."""
+    ladder = any(c.tuner == LADDER for c in cells)
     refusals = [
         f"- `{c.tuner}`, {c.condition}: {shown_level(c.level)}: {c.refused}"
         for c in cells
@@ -58,6 +65,7 @@ def page(cells: Sequence[Cell], seed: int) -> str:
     ]
     return _PAGE.format(
         episodes=cells[0].episodes,
+        ladder=_LADDER if ladder else "",
         seed=seed,
         phase_margin=MISS[0],
         crossover=MISS[1],

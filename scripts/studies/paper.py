@@ -12,11 +12,12 @@ from studies import plots
 from studies.bounds import bound_on, posterior_on
 from studies.draws import draw, recorded
 from studies.metrics import rms
+from studies.players import CLIMBER, LADDER, Ladder
 from studies.table3 import bound_row, row, to_json, to_markdown
-from tuners import RECIPES, Tuner, load, train
+from tuners import RECIPES, load, train
 from tuners.catalogue import UNTRAINED
 from tuners.features.armax import Armax, armax, simulated
-from tuners.tuner.evaluation import Evaluation, evaluate, write_csv
+from tuners.tuner.evaluation import Evaluation, Policy, evaluate, write_csv
 from tuners.tuner.examples import examples
 from yawrate_env.files import write_text
 from yawrate_env.loop import closed_loop
@@ -29,6 +30,9 @@ from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 SHOWN = ("gb", "ts-ff", "ts-gbm")
 """The three methods of the paper's figures."""
+
+TIMED = (*SHOWN, "bb", LADDER)
+"""Those whose answers are timed in figure 7."""
 
 FIGURE_8 = (0.60, 44.14)
 """mu_s and M_delta [kg] of the paper's figure 8."""
@@ -71,8 +75,8 @@ def reproduce(episodes: int, seed: int, results: Path, figures: Path, progress: 
     return to_markdown(rows)
 
 
-def trained(plant: Plant, episodes: int, seed: int, progress: Progress) -> dict[str, Tuner]:
-    """Every tuner, those of the paper trained on one common data set."""
+def trained(plant: Plant, episodes: int, seed: int, progress: Progress) -> dict[str, Policy]:
+    """Every tuner, those of the paper trained on one common data set, and the package's ladder."""
     data = examples(
         plant,
         episodes,
@@ -80,21 +84,22 @@ def trained(plant: Plant, episodes: int, seed: int, progress: Progress) -> dict[
         Armax(),
         progress=lambda done, of: progress("simulating", done, of),
     )
-    tuners = {name: load(name, plant) for name in UNTRAINED}
+    tuners: dict[str, Policy] = {name: load(name, plant) for name in UNTRAINED}
     for name, recipe in RECIPES.items():
         if recipe.features == Armax():
             tuners[name] = train(
                 name, plant, episodes=episodes, seed=seed, calibration=0, progress=progress,
                 data=data,
             )  # fmt: skip
-    order = ("gb", "ts-ff", "ts-gbm", "ts-ff-gains", "ts-gbm-gains")
-    return {name: tuners[name] for name in (*order, "vrft", "frit", "nominal", "oracle")}
+    tuners[LADDER] = Ladder(load(CLIMBER))
+    order = ("gb", "ts-ff", "ts-gbm", "ts-ff-gains", "ts-gbm-gains", LADDER, "bb", "vrft", "frit")
+    return {name: tuners[name] for name in (*order, "nominal", "oracle")}
 
 
 def draw_figures(
     task: Task,
     evaluations: Sequence[Evaluation],
-    tuners: Mapping[str, Tuner],
+    tuners: Mapping[str, Policy],
     spread: NDArray[np.float64],
     seed: int,
     folder: Path,
@@ -118,7 +123,7 @@ def draw_figures(
         "fig4": lambda: _identification(yaw_rate(task), seed),
         "fig5": lambda: regression(0, "kp", "$k_p$"),
         "fig6": lambda: regression(1, "Ti", "$T_i$"),
-        "fig7": lambda: plots.times({name: e.seconds for name, e in shown.items()}),
+        "fig7": lambda: plots.times({name: found[name].seconds for name in TIMED}),
         "margins": lambda: plots.margin_scatter(
             {name: (e.metrics[:, 0], e.metrics[:, 1]) for name, e in shown.items()},
             (task.target.phase_margin, task.target.crossover),
@@ -143,7 +148,7 @@ def _identification(plant: Plant, seed: int) -> Figure:
     return plots.identification(time, clean, y[0], middle, model[0], u[0])
 
 
-def _tracking(task: Task, tuners: Mapping[str, Tuner]) -> Figure:
+def _tracking(task: Task, tuners: Mapping[str, Policy]) -> Figure:
     """Fig. 8: the same vehicle and manoeuvre for every method."""
     plant = yaw_rate(task)
     theta = np.array([[*FIGURE_8, min(task.prior.v_x)]])

@@ -14,6 +14,7 @@ from studies.conditions import SPEED, SWEEPS, Sweep
 from studies.off_design import Cell
 from studies.off_design_page import shown_level
 from studies.palette import INK, STYLE, WIDTH, colour
+from studies.players import LADDER
 from studies.schedule import Bin, Price, Schedule
 from studies.trusting import MISS
 
@@ -21,6 +22,7 @@ _BOUND: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 3)), "zorder": 
 _MISS: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (1, 2)), "zorder": 1.5}
 _COLUMNS = 3
 _ASIDE = 0.015  # of a panel's width, between tuners
+_WIDEST = 0.7  # of a level's width, for all tuners
 _VEHICLES = ("#1f2328", "#0072B2", "#56B4E9", "#D55E00", "#E69F00")
 
 
@@ -59,11 +61,12 @@ def _condition(axes: Axes, sweep: Sweep, cells: Sequence[Cell], names: Sequence[
     bounds = {at[c.level]: c.phase_margin.bound for c in cells if c.phase_margin.bound}
     for middle, bound in bounds.items():
         axes.hlines(bound, middle - 0.5, middle + 0.5, **_BOUND)
+    aside = min(_ASIDE * len(at), _WIDEST / len(names))
     for k, name in enumerate(names):
         row = [c for c in cells if c.tuner == name]
-        x = np.array([at[c.level] for c in row]) + (k - (len(names) - 1) / 2) * _ASIDE * len(at)
+        x = np.array([at[c.level] for c in row]) + (k - (len(names) - 1) / 2) * aside
         y = np.array([np.nan if c.phase_margin.rms is None else c.phase_margin.rms for c in row])
-        axes.plot(x, y, color=colour(name), lw=0.9, alpha=0.7)
+        axes.plot(x, y, color=colour(name), lw=1.8 if name == LADDER else 0.9, alpha=0.7)
         for c, place in zip(row, x, strict=True):
             _mark(axes, place, c)
 

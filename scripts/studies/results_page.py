@@ -73,6 +73,9 @@ Made by `make results`; edits are overwritten. The same numbers for programs:
   only, `vrft` and `frit` assume no vehicle, and `oracle` knows it. A tuner that falls far behind
   `gb` here does not extrapolate: boosted trees, for example, predict what they predict at the edge
   of their data.
+- **`ladder`** is what `tune` answers with: the gains of `ts-ff-lag` where the recording confirms
+  them, else those of the simulator fitted to it, else those of the black box **`bb`**, which knows
+  no vehicle. All other learned tuners stand here alone.
 
 ## Your own policy
 
@@ -100,6 +103,7 @@ _OTHERS = {
     "table3.md": "the paper's Table III beside ours, from tuners trained afresh",
     "rl.md": "reinforcement-learning agents, seed by seed, and the median over five seeds",
     "accuracy.md": "how near to the Cramér–Rao bound, why not nearer, and when not to trust it",
+    "robustness.md": "who breaks where: wrong vehicle data, disturbances, defects, faulty logs",
     "off_design.md": "every tuner under other noise, lengths, excitations and wrong vehicle data",
     "schedule.md": "gains over speed, and the price of a wrong speed",
     "nonlinear.md": "what a linear twin costs when the tyres saturate",

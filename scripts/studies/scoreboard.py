@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.metrics import bootstrap_interval, rms
-from tuners import NAMES, Tuner, load
+from studies.players import CLIMBER, LADDER, Ladder
+from tuners import NAMES, load
 from tuners.catalogue import UNTRAINED, shipped
 from tuners.tuner.evaluation import Evaluation, Policy, evaluate
 from yawrate_env.vehicle.task import Task
@@ -103,9 +104,10 @@ class Row:
     crossover: Estimate
 
 
-def available() -> dict[str, Tuner]:
-    """Every named tuner that needs no training or is shipped trained."""
-    return {name: load(name) for name in NAMES if name in UNTRAINED or shipped(name).exists()}
+def available() -> dict[str, Policy]:
+    """Every named tuner that needs no training or is shipped trained, and the ladder."""
+    known = [name for name in NAMES if name in UNTRAINED or shipped(name).exists()]
+    return {**{name: load(name) for name in known}, LADDER: Ladder(load(CLIMBER))}
 
 
 def run(

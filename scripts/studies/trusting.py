@@ -6,7 +6,7 @@ and whether intervals of 90 % hold nine times in ten.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from studies import faults
 from studies.draws import task_of
+from studies.faulty import Faulty, claimed_speed, of_prior
 from studies.markdown import table
 from tuners import Tuner
 from tuners.trust.bound import cramer_rao
 from tuners.tuner.recording import Recording
 from tuners.tuner.training import assessed
-from yawrate_env.batch import take
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
-from yawrate_env.vehicle.episode import loops, plants
-from yawrate_env.vehicle.single_track import Context, Vehicle
+from yawrate_env.vehicle.episode import plants
+from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
 
 Array = NDArray[np.float64]
@@ -94,10 +94,9 @@ def faulty(tuner: Tuner, count: int, seed: int, progress: Progress | None = None
         good, stable, trusted = [], [], []
         for i in range(0, count, _BATCH):
             part = slice(i, min(i + _BATCH, count))
-            gains, found = tuner.assess(made.recording.part(part))
+            gains, found = tuner.assess(made.part(part).recording)
             trusted.append(found.trusted)
-            vehicles = made.vehicle if len(made.vehicle) == 1 else made.vehicle[part]
-            g, s = _evaluated(task, vehicles, take(made.context, part), gains.values)
+            g, s = _evaluated(task, made.part(part), gains.values)
             good.append(g)
             stable.append(s)
         rows.append(_count(name, *map(np.concatenate, (good, stable, trusted)), real=made.real))
@@ -126,9 +125,10 @@ def unusual(tuner: Tuner, count: int, seed: int, progress: Progress | None = Non
         rng = np.random.default_rng((seed, number))
         good, stable, trusted = [], [], []
         for done in range(count):
-            context = faults.of_prior(task, rng, 1)
-            gains, found = tuner.assess(experiment(task, context, rng))
-            g, s = _evaluated(task, (task.vehicle,), context, gains.values)
+            context = of_prior(task, rng, 1)
+            recording = experiment(task, context, rng)
+            gains, found = tuner.assess(recording)
+            g, s = _evaluated(task, Faulty(recording, context), gains.values)
             good.append(g)
             stable.append(s)
             trusted.append(found.trusted)
@@ -201,7 +201,7 @@ def recorded(
     rms = np.sqrt((clean**2).mean())
     y = clean + rms * (10 ** (-snr_db / 20) * rng.standard_normal(clean.shape) + bias)
     shifted = np.ascontiguousarray(u[:, first:] + bias * amplitude)
-    return Recording(shifted, y, Ts, faults.claimed_speed(context.v_x))
+    return Recording(shifted, y, Ts, claimed_speed(context.v_x))
 
 
 Experiment = Callable[[Task, Context, np.random.Generator], Recording]
@@ -260,22 +260,11 @@ def _good(task: Task, margins: Array) -> NDArray[np.bool_]:
 
 
 def _evaluated(
-    task: Task, vehicles: Sequence[Vehicle], context: Context, gains: Array
+    task: Task, made: Faulty, gains: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whether gains (B, 2) are good for the true vehicles, and whether the loops are stable.
-
-    `vehicles` is one for all, or one for each.
-    """
-    own = len(vehicles) > 1
-    rows = [slice(i, i + 1) for i in range(len(context))] if own else [slice(None)]
-    good, stable = [], []
-    for part, vehicle in zip(rows, vehicles, strict=True):
-        truth = loops(replace(task, vehicle=vehicle), take(context, part))
-        found = truth.evaluate(*gains[part].T)
-        margins = np.stack([found.margins.phase_margin, found.margins.crossover], axis=1)
-        good.append(_good(task, margins) & found.stable)
-        stable.append(found.stable)
-    return np.concatenate(good), np.concatenate(stable)
+    """Whether gains (B, 2) are good for the true vehicles, and whether the loops are stable."""
+    margins, stable = made.reached(task, gains)
+    return _good(task, margins) & stable, stable
 
 
 def _count(

@@ -20,6 +20,7 @@ from studies import (
     ratios,
     readme,
     results_page,
+    robustness_page,
     schedule_page,
     table3,
     trusting,
@@ -96,6 +97,7 @@ PAGES = {
     "benchmark": lambda: benchmark_page.to_markdown(stored("benchmark")),
     "plants": lambda: plants.page(stored("plants")),
     "accuracy": lambda: accuracy_page.page(RESULTS),
+    "robustness": lambda: robustness_page.page(*robustness_page.read(stored("robustness"))),
     "README": scoreboard,
 }
 

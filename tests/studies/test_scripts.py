@@ -6,6 +6,7 @@ import os
 import re
 import runpy
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from first_order import lone
 from recordings import ROOT
 
 import tuners
-from studies import dataset_scale, off_design, plots, results_page
+from studies import dataset_scale, off_design, plots, results_page, robustness, robustness_kinds
 from studies.conditions import SWEEPS
 from studies.program import Json, environment
 from tuners.tuner.evaluation import evaluate
@@ -192,7 +193,7 @@ def test_the_whole_paper_in_small(called, tmp_path):
     table = json.loads((results / "table3.json").read_text())
     names = [row["tuner"] for row in table["rows"]]
     assert names[:3] == ["gb", "ts-ff", "ts-gbm"] and names[-1] == "posterior spread"
-    assert {"ts-ff-gains", "ts-gbm-gains", "vrft", "frit", "nominal", "oracle"} < set(names)
+    assert {"ts-ff-gains", "ts-gbm-gains", "ladder", "bb", "vrft", "frit", "nominal"} < set(names)
     assert table["rows"][0]["unstable"] == 0 and table["rows"][0]["phase_margin"]["std"] < 0.02
     assert (results / "table3.md").read_text().strip() == out.strip()
     rows = (results / "episodes.csv").read_text().splitlines()
@@ -256,8 +257,28 @@ def test_make_results_with_the_pages_own_example(called, tmp_path, monkeypatch):
     saved = json.loads((tmp_path / "mine" / "scoreboard.json").read_text())
     shipped = {path.stem for path in MODELS.glob("*.tuner")}
     names = {row["tuner"] for row in saved["rows"]}
-    assert names == shipped | {"gb", "vrft", "frit", "oracle", "nominal", "my_agent:Fixed"}
+    assert names == shipped | {
+        "gb",
+        "bb",
+        "ladder",
+        "vrft",
+        "frit",
+        "oracle",
+        "nominal",
+        "my_agent:Fixed",
+    }
     assert len(saved["rows"]) == 2 * len(names)
+
+
+def test_robustness_writes_page_and_pictures(called, tmp_path, monkeypatch):
+    kinds = {"nothing wrong": {"nothing": robustness_kinds.GROUPS["nothing wrong"]["nothing"]}}
+    monkeypatch.setattr(robustness, "study", partial(robustness.study, groups=kinds))
+    places = ("--results", "r", "--figures", "f")
+    status, out, _ = called("robustness", "--recordings", 2, *places)
+    assert status == 0 and "| nothing | 6 | 100 % | 0 % |" in out
+    assert {p.name for p in (tmp_path / "r").iterdir()} == {"robustness.json", "robustness.md"}
+    names = {p.name for p in (tmp_path / "f").iterdir()}
+    assert names == {"robustness.png", "robustness_degree.png"}
 
 
 def test_dataset_scale_measures_what_is_missing(called, tmp_path, monkeypatch):

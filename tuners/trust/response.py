@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from tuners.features.laguerre import Laguerre, lifted
+from tuners.features.laguerre import Laguerre, combined, lifted, products
 from tuners.trust.black_box import BlackBox, free_responses
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import Status, design_from_response
@@ -128,6 +128,8 @@ class Response:
         (B, 2, 2) of `required`.
     noise : NDArray
         (B,) mean square of the black box's residual.
+    colour : NDArray
+        (B,) power of the residual around the crossover over that of white noise.
     halves : NDArray
         (B, 2) by how much the second half of the recording asks for another `required`.
     bend : NDArray
@@ -143,6 +145,7 @@ class Response:
     required: Array
     covariance: Array
     noise: Array
+    colour: Array
     halves: Array
     bend: Array
     doubt: Array
@@ -169,7 +172,9 @@ class Response:
         needed = np.radians(target.phase_margin) - np.pi - phase
         required = np.stack([log_magnitude, needed], axis=1)
         noise = (error**2).mean(axis=1)
-        return cls(target, omega, values, required, covariance, noise, halves, *bent)
+        at_crossover = round(2 * (spectra.shape[1] - 1) * model.Ts * target.crossover)
+        colour = spectra[:, at_crossover] / np.where(noise > 0, noise, 1.0) / model.oversampled
+        return cls(target, omega, values, required, covariance, noise, colour, halves, *bent)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -316,34 +321,46 @@ def _weighted(
     signals = np.concatenate([phi, Z[: model.extra[i]], model.y[i][None]])
     length, n = next_fast_len(N, real=True), len(phi)
     sides = _sides(length // 2 + 1)
-    X = np.fft.rfft(signals, length) * np.sqrt(sides / length)
+    X = _stacked(np.fft.rfft(signals, length) * np.sqrt(sides / length))
+    spectrum = np.tile(spectrum, 2)
     for _ in range(_WEIGHINGS):
-        gram = ((X / spectrum) @ X.conj().T).real
+        gram = products(X / spectrum, X)
         inverse = np.linalg.pinv(gram[n:-1, n:-1], hermitian=True)
-        turned = gram[n:-1] @ np.eye(len(gram))[:, [*range(n), -1]]
-        Y = X[[*range(n), -1]] - (inverse @ turned).T @ X[n:-1]
-        reduced = lifted(((Y / spectrum) @ Y.conj().T).real)
+        rest = [*range(n), -1]
+        Y = X[rest] - combined((inverse @ gram[n:-1][:, rest]).T, X[n:-1])
+        reduced = lifted(products(Y / spectrum, Y))
         found = regularised(reduced[None, :-1, :-1], reduced[None, :-1, -1], reduced[-1:, -1],
                             np.ones(1))  # fmt: skip
         c = found.coefficients[0]
-        error = Y[-1] - c @ Y[:-1]
+        error = Y[-1] - combined(c[None], Y[:-1])[0]
         taken = _leverage(found.estimator[0], Y[:-1]) + _leverage(inverse, X[n:-1])
-        power = (error * error.conj()).real * length / N / sides
-        left = np.maximum(1 - taken / spectrum / sides, 0.0)
-        spectrum = _banded(model, power, left, length, target.crossover)
+        power = _folded(error**2) * length / N / sides
+        left = np.maximum(1 - taken / spectrum[: len(sides)] / sides, 0.0)
+        spectrum = np.tile(_banded(model, power, left, length, target.crossover), 2)
     near = np.arange(len(left)) / (length * model.Ts * target.crossover)
     here = (near > _NEAR[0]) & (near < _NEAR[1])
     freedom = max(2 * left[here].sum(), 1.0)
-    stronger = spectrum[here].mean() > _STRONG * power.mean() * model.oversampled
+    level = spectrum[: len(sides)][here].mean()
+    stronger = level > _STRONG * power.mean() * model.oversampled
     doubt = (1 + (_FEW / freedom) ** 2) ** 2 if stronger else 1.0
     J = _slopes(c[None], at)
     middle = found.estimator @ reduced[None, :-1, :-1] @ found.estimator + found.hidden
     return c, doubt * (J @ middle @ J.swapaxes(1, 2))[0]
 
 
-def _leverage(inverse: Array, X: Complex) -> Array:
+def _stacked(X: Complex) -> Array:
+    """Real parts, then imaginary parts, (m, 2F): inner products of these are those of signals."""
+    return np.concatenate([X.real, X.imag], axis=1)
+
+
+def _folded(values: Array) -> Array:
+    """Sums (F,) over real and imaginary parts (2F,)."""
+    return np.asarray(values.reshape(2, -1).sum(axis=0))
+
+
+def _leverage(inverse: Array, X: Array) -> Array:
     """What a fit takes from each frequency (F,), by its inverse normal matrix."""
-    return np.asarray((X.conj() * (inverse @ X)).real.sum(axis=0))
+    return _folded((X * combined(inverse, X)).sum(axis=0))
 
 
 def _banded(model: BlackBox, power: Array, left: Array, length: int, crossover: float) -> Array:

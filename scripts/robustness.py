@@ -1,0 +1,41 @@
+"""Find out who breaks where: learner, fitted plant, black box and ladder under faults.
+
+python scripts/robustness.py                     # 300 recordings a kind and condition
+python scripts/robustness.py --recordings 20 --tuner ts-ff-lag
+
+Results go to results/robustness.*, pictures to figures/robustness*.png.
+"""
+
+from pathlib import Path
+
+import click
+
+import tuners
+from studies import degree, plots, robustness, robustness_page, robustness_plot
+from studies.draws import task_of
+from studies.players import CLIMBER
+from studies.program import counted, folders, program, seed
+from tuners.cli.progress import Bars
+
+
+@program(__doc__)
+@counted("--recordings", 300, "Of each kind under each condition.")
+@seed(help="Of everything that is drawn.")
+@click.option("--tuner", default=CLIMBER, help="Name or .tuner file of a learner.")
+@folders
+def main(recordings: int, seed: int, tuner: str, results: Path, figures: Path) -> None:
+    tested = tuners.load(tuner)
+    task = task_of(tested.plant)
+    results.mkdir(parents=True, exist_ok=True)
+    with Bars() as bars:
+        levels = degree.sweep(tested, task, count=recordings, seed=seed, progress=bars)
+        rows = robustness.study(tested, task, count=recordings, seed=seed, progress=bars)
+    given = {"tuner": Path(tuner).stem, "recordings": recordings, "seed": seed}
+    robustness_page.write(rows, levels, given, results)
+    plots.save(robustness_plot.degrees(levels), figures / "robustness_degree.png")
+    plots.save(robustness_plot.kinds(rows), figures / "robustness.png")
+    print((results / "robustness.md").read_text())
+
+
+if __name__ == "__main__":
+    main()
