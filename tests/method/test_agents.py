@@ -320,9 +320,7 @@ def test_measured_parameters_are_features():
     (name,) = of.measured_names
     low, high = of.prior[name]
     y = of.respond(of.middle)[0]
-    slow, fast = (
-        found.act(Recording.of(of, of.u, y, measured={name: v})) for v in (low, high)
-    )
+    slow, fast = (found.act(Recording.of(of, of.u, y, measured={name: v})) for v in (low, high))
     assert (slow != fast).all()
     with pytest.raises(ValueError, match=f"{name} is needed"):
         found.tune(of.u, y)

@@ -8,8 +8,8 @@ import tuners
 from tuners.catalogue import SPEEDS, UNTRAINED, shipped
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
-from tuners.tuner import tuner_file
 from tuners.trust.verdict import Verdict
+from tuners.tuner import tuner_file
 from tuners.tuner.method import Rung
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner

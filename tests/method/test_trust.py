@@ -21,7 +21,6 @@ from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import recorded, sample
 from yawrate_env.plant.metric import Metric
-from yawrate_env.vehicle.single_track import theta_of
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 

@@ -10,11 +10,10 @@ import tuners
 from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.trust.intervals import GAUSSIAN
+from tuners.trust.verdict import Verdict
 from tuners.tuner import tuner_file
 from tuners.tuner.comparison import GRAY_BOX, NOMINAL, ORACLE, TUNER, compare
-from tuners.tuner.method import Gains
-from tuners.trust.verdict import Verdict
-from tuners.tuner.method import Rung
+from tuners.tuner.method import Gains, Rung
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import GrayBox, Nominal, Oracle
 from tuners.tuner.tuner import Tuner

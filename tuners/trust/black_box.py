@@ -93,7 +93,7 @@ class BlackBox:
         if not self.unknown.any():
             return signals
         left = signals.copy()
-        for i in np.flatnonzero(self.unknown):
+        for i in np.flatnonzero(self.unknown).tolist():
             left[i] = self.projected_like(i, signals[i])
         return left
 

@@ -334,7 +334,9 @@ class _Checks:
         }
         findings = {n: self.of(n, value, refusal=at) for n, (value, at) in values.items()}
         if plant.crossover is not None:
-            colour = found.noise / noise / model.oversampled if response is None else response.colour
+            colour = (
+                found.noise / noise / model.oversampled if response is None else response.colour
+            )
             most = most_coloured(found.residual.shape[1], model.Ts, plant.crossover)
             findings["colour"] = self.of("colour", colour, max(most / 2, _WHITE), np.inf)
             if plant.linear and response is None:

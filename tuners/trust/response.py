@@ -1,14 +1,9 @@
 """The response that a recording shows at the crossover, and the gains that it asks for.
 
-The black box's coefficients are estimated again, drawn to a smooth response:  with the prior
-``c_i ~ N(0, s a^i)`` on the Laguerre coefficients, scale and decay are those under which the
-recording is most likely (empirical Bayes; Pillonetto and De Nicolao, 2010; Chen, Ohlsson and
-Ljung, 2012).  So the data choose the order.  The response at the crossover then has gains in
-closed form, by the design rule.  Nothing of the simulator is used.
-
-The covariance holds for coloured noise too: with ``x`` the input through the filter that turns
-outputs into the estimate, it is the sum over frequencies of ``|X|^2`` times the residual's
-spectrum (a sandwich, in the frequency domain), and the part of the response that the prior hides.
+The black box's coefficients are estimated again, drawn to a smooth response
+(`tuners.trust.likely_prior`), with a covariance that holds for coloured noise
+(`tuners.trust.noise_spectrum`).  The response at the crossover then has gains in closed form, by
+the design rule.  Nothing of the simulator is used.
 """
 
 from dataclasses import dataclass
@@ -16,98 +11,23 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
 
-from tuners.features.laguerre import Laguerre, combined, lifted, products
-from tuners.trust.black_box import BlackBox, free_responses
+from tuners.features.laguerre import Laguerre
+from tuners.trust.black_box import BlackBox
+from tuners.trust.likely_prior import Regularised, regularised
+from tuners.trust.noise_spectrum import response_slopes, sandwich, weighted
 from yawrate_env.loop import controller
-from yawrate_env.loop.design import Status, design_from_response
+from yawrate_env.loop.design import Design, Status, design_from_response
 from yawrate_env.loop.margins import delta_operator
 from yawrate_env.loop.target import Target
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_DECAYS = (0.5, 0.65, 0.8, 0.9, 1.0)
-_SCALES = np.geomspace(1e-3, 1e3, 13)
 _LOWEST, _HIGHEST, _POINTS = 1 / 30, 3.5, 256  # of the crossover, and frequencies between
 _NYQUIST = 0.95  # of half the controller's rate: the highest frequency that is looked at
-_BANDS = 2.0 ** np.arange(-4, 4)  # edges, of the crossover: where the noise's power may differ
-_COLOURED = 3.0  # standard deviations of a band's power that count as colour
-_WEIGHINGS = 3
-_NEAR = 0.25, 2.0  # of the crossover: frequencies that decide the response there
-_FEW = 14.0  # degrees of freedom left there
 _LEAST = 1e-20  # of the output's energy: noise below rounding
 _ROUNDING = 1e-6  # of the cube's energy
-_STRONG = 3.0  # times all frequencies' noise: colour that matters there
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Regularised:
-    """Black boxes of B recordings, drawn to smooth responses.
-
-    Attributes
-    ----------
-    coefficients : NDArray
-        (B, n) on the functions.
-    estimator : NDArray
-        (B, n, n) by which inner products of functions and output become coefficients.
-    hidden : NDArray
-        (B, n, n) part of it that is the prior's: what the recording does not show.
-    """
-
-    coefficients: Array
-    estimator: Array
-    hidden: Array
-
-
-def regularised(gram: Array, right: Array, energy: Array, variance: Array) -> Regularised:
-    """Coefficients of B least-squares problems with the most likely prior.
-
-    Parameters
-    ----------
-    gram, right, energy : (B, n, n), (B, n), (B,) float64
-        Inner products of the functions, of functions and output, and of the output.
-    variance : (B,) float64
-        Of the noise.
-    """
-    B, n = right.shape
-    trace = np.einsum("bii->b", gram)
-    size = energy / np.where(trace > 0, trace, 1.0) * n
-    least, found = np.full(B, np.inf), [np.zeros((B, n)), np.zeros((B, n, n)), np.zeros((B, n, n))]
-    for decay in _DECAYS:
-        root = np.sqrt(size)[:, None] * decay ** (np.arange(n) / 2)
-        values, vectors = np.linalg.eigh(root[:, :, None] * gram * root[:, None, :])
-        values = np.maximum(values, 0.0)
-        turned = ((root * right)[:, None] @ vectors)[:, 0]
-        scaled = _SCALES[:, None, None] * values + variance[:, None]
-        cost = (energy - (_SCALES[:, None, None] * turned**2 / scaled).sum(axis=2)) / variance
-        cost = cost + np.log(scaled / variance[:, None]).sum(axis=2)
-        best = cost.argmin(axis=0)
-        cost, scale = cost[best, np.arange(B)], _SCALES[best][:, None]
-        better = cost < least
-        least = np.where(better, cost, least)
-        shrunk = scale / (scale * values + variance[:, None])
-        V = root[:, :, None] * vectors
-        parts = (
-            (V @ (shrunk * turned)[..., None])[..., 0],
-            (V * shrunk[:, None]) @ V.swapaxes(1, 2),
-            (V * (variance[:, None] ** 2 * shrunk**2 / scale)[:, None]) @ V.swapaxes(1, 2),
-        )
-        for total, part in zip(found, parts, strict=True):
-            total[better] = part[better]
-    return Regularised(*found)
-
-
-def _from_white(model: BlackBox) -> Regularised:
-    """Coefficients of black boxes, whose residual is taken for white noise."""
-    n, N = model.functions.order, model.u.shape[1]
-    right = (model.information @ model.coefficients[..., None])[..., 0]
-    energy = model.residual + (right * model.coefficients).sum(axis=1)
-    independent = max(N / model.oversampled - n, 1.0)
-    least = np.where(energy > 0, _LEAST * energy, 1.0)
-    variance = np.maximum(model.residual, least) / N * model.oversampled * (1 + n / independent)
-    return regularised(model.information, right, energy, variance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,15 +76,17 @@ class Response:
         found, omega = _from_white(model), _frequencies(target)
         seen = _functions_seen(model.functions, model.Ts, target)
         at, values = seen[:, -1], seen[:, :-1]
-        J = _slopes(found.coefficients, at)
+        J = response_slopes(found.coefficients, at)
         weights = np.concatenate([model.coefficients[:, None], J @ found.estimator], axis=1)
         signals = model.functions.outputs(model.u, weights, model.Ts)
         output, error = signals[:, 0], model.y - signals[:, 0]
-        covariance, spectra, coloured = _sandwich(model, error, signals[:, 1:], target.crossover)
+        covariance, spectra, coloured = sandwich(model, error, signals[:, 1:], target.crossover)
         covariance += J @ found.hidden @ J.swapaxes(1, 2)
         halves, bent = _halves(model, error, J @ found.estimator), _bend(model, output, error)
-        for i in np.flatnonzero(coloured):
-            found.coefficients[i], covariance[i] = _weighted(model, i, spectra[i], at, target)
+        for i in np.flatnonzero(coloured).tolist():
+            found.coefficients[i], covariance[i] = weighted(
+                model, i, spectra[i], at, target.crossover
+            )
         values, here = found.coefficients @ values, found.coefficients @ at
         with np.errstate(divide="ignore", invalid="ignore"):
             phase = _phase_at(omega, values, here, target.omega_c)
@@ -182,14 +104,18 @@ class Response:
     @cached_property
     def gains(self) -> Array:
         """(B, 2) gains of the design rule; ``nan`` where no controller comes near the target."""
-        found = design_from_response(*self.required.T, self.target)
+        found = self._design
         return np.stack([found.kp, found.Ti], axis=1)
+
+    @cached_property
+    def _design(self) -> Design:
+        log_magnitude, phase = self.required.T
+        return design_from_response(log_magnitude, phase, self.target)
 
     @property
     def within_reach(self) -> NDArray[np.bool_]:
         """(B,) whether the controller reaches the target."""
-        found = design_from_response(*self.required.T, self.target)
-        return np.asarray(found.status == Status.OK)
+        return np.asarray(self._design.status == Status.OK)
 
     @cached_property
     def reached(self) -> Array:
@@ -218,8 +144,8 @@ class Response:
             covariance = 4 * J @ self.covariance @ J.swapaxes(1, 2)
             regular = np.isfinite(covariance).all(axis=(1, 2))[:, None, None]
             covariance = np.where(regular, covariance, np.eye(2))
-            weighted = np.linalg.solve(covariance, difference[..., None])[..., 0]
-            return np.abs(difference) / 2, np.sqrt((difference * weighted).sum(axis=1))
+            scaled = np.linalg.solve(covariance, difference[..., None])[..., 0]
+            return np.abs(difference) / 2, np.sqrt((difference * scaled).sum(axis=1))
 
     def metric_covariance(self, gains: Array) -> Array:
         """Covariance (B, 2, 2) of the `metrics` of gains (B, 2); ``nan`` where there are none."""
@@ -238,12 +164,13 @@ class Response:
     def _crossing(self, gains: Array) -> tuple[Array, tuple[Array, Array]]:
         """Metrics, and the slopes of log magnitude and phase over log frequency, (B,) each."""
         target, log_omega = self.target, np.log(self.omega)
-        n1, n0, d0 = (c[:, None] for c in controller.coefficients(*gains.T, target))
+        kp, Ti = gains.T
+        n1, n0, d0 = (c[:, None] for c in controller.coefficients(kp, Ti, target))
         delta = delta_operator(self.omega, target.Ts)
         with np.errstate(divide="ignore", invalid="ignore"):
             L = self.values * (n1 * delta + n0) / (delta + d0)
             magnitude, phase = np.log(np.abs(L)), np.unwrap(np.angle(L), axis=1)
-            falls = (magnitude[:, :-1] > 0) & (magnitude[:, 1:] <= 0)
+            falls = np.asarray((magnitude[:, :-1] > 0) & (magnitude[:, 1:] <= 0))
             k = falls.shape[1] - 1 - falls[:, ::-1].argmax(axis=1)
             rows, width = np.arange(len(L)), log_omega[k + 1] - log_omega[k]
             before, after = magnitude[rows, k], magnitude[rows, k + 1]
@@ -256,24 +183,15 @@ class Response:
         return metrics, ((after - before) / width, turn / width)
 
 
-def _slopes(coefficients: Array, at: Complex) -> Array:
-    """Derivatives (B, 2, n) of the required log magnitude and phase to the coefficients (B, n)."""
-    here = (coefficients @ at)[:, None]
-    slopes = np.divide(-at, here, out=np.full(coefficients.shape, np.nan + 0j), where=here != 0)
-    return np.stack([slopes.real, slopes.imag], axis=1)
-
-
-def _sandwich(
-    model: BlackBox, error: Array, filtered: Array, crossover: float
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Covariance (B, 2, 2) of noise times signals (B, 2, N), noise spectra, and any colour (B,)."""
-    N = error.shape[1]
-    length, signals = next_fast_len(N, real=True), model.projected(filtered)
-    transformed = np.fft.rfft(np.concatenate([error[:, None], signals], axis=1), length)
-    E, X = transformed[:, 0], transformed[:, 1:]
-    spectra, coloured = _spectrum(model, (E * E.conj()).real / N, length, crossover)
-    X = X * np.sqrt(_sides(X.shape[2]) / length)
-    return ((X * spectra[:, None]) @ X.conj().swapaxes(1, 2)).real, spectra, coloured
+def _from_white(model: BlackBox) -> Regularised:
+    """Coefficients of black boxes, whose residual is taken for white noise."""
+    n, N = model.functions.order, model.u.shape[1]
+    right = (model.information @ model.coefficients[..., None])[..., 0]
+    energy = model.residual + (right * model.coefficients).sum(axis=1)
+    independent = max(N / model.oversampled - n, 1.0)
+    least = np.where(energy > 0, _LEAST * energy, 1.0)
+    variance = np.maximum(model.residual, least) / N * model.oversampled * (1 + n / independent)
+    return regularised(model.information, right, energy, variance)
 
 
 def _halves(model: BlackBox, error: Array, filters: Array) -> Array:
@@ -304,101 +222,6 @@ def _bend(model: BlackBox, output: Array, error: Array) -> tuple[Array, Array]:
         doubt = slope * np.sqrt((error**2).mean(axis=1) * model.oversampled / left)
     flat = left <= _ROUNDING * (cube**2).sum(axis=1)  # two levels of the output: nothing tells
     return np.where(flat, 0.0, share), np.where(flat, 0.0, doubt)
-
-
-def _weighted(
-    model: BlackBox, i: int, spectrum: Array, at: Complex, target: Target
-) -> tuple[Array, Array]:
-    """Coefficients (n,) of one recording by weighted least squares, and the covariance (2, 2).
-
-    Each frequency counts inversely to the noise there, whose spectrum is estimated again.  Where
-    the fit leaves few degrees of freedom around the crossover, noise can hardly be told from
-    response, and the covariance is widened.
-    """
-    functions, N = model.functions, model.u.shape[1]
-    Z, _ = free_responses(functions, N, model.Ts)
-    phi = functions.regressors(model.u[i % len(model.u)][None], model.Ts)[0]
-    signals = np.concatenate([phi, Z[: model.extra[i]], model.y[i][None]])
-    length, n = next_fast_len(N, real=True), len(phi)
-    sides = _sides(length // 2 + 1)
-    X = _stacked(np.fft.rfft(signals, length) * np.sqrt(sides / length))
-    spectrum = np.tile(spectrum, 2)
-    for _ in range(_WEIGHINGS):
-        gram = products(X / spectrum, X)
-        inverse = np.linalg.pinv(gram[n:-1, n:-1], hermitian=True)
-        rest = [*range(n), -1]
-        Y = X[rest] - combined((inverse @ gram[n:-1][:, rest]).T, X[n:-1])
-        reduced = lifted(products(Y / spectrum, Y))
-        found = regularised(reduced[None, :-1, :-1], reduced[None, :-1, -1], reduced[-1:, -1],
-                            np.ones(1))  # fmt: skip
-        c = found.coefficients[0]
-        error = Y[-1] - combined(c[None], Y[:-1])[0]
-        taken = _leverage(found.estimator[0], Y[:-1]) + _leverage(inverse, X[n:-1])
-        power = _folded(error**2) * length / N / sides
-        left = np.maximum(1 - taken / spectrum[: len(sides)] / sides, 0.0)
-        spectrum = np.tile(_banded(model, power, left, length, target.crossover), 2)
-    near = np.arange(len(left)) / (length * model.Ts * target.crossover)
-    here = (near > _NEAR[0]) & (near < _NEAR[1])
-    freedom = max(2 * left[here].sum(), 1.0)
-    level = spectrum[: len(sides)][here].mean()
-    stronger = level > _STRONG * power.mean() * model.oversampled
-    doubt = (1 + (_FEW / freedom) ** 2) ** 2 if stronger else 1.0
-    J = _slopes(c[None], at)
-    middle = found.estimator @ reduced[None, :-1, :-1] @ found.estimator + found.hidden
-    return c, doubt * (J @ middle @ J.swapaxes(1, 2))[0]
-
-
-def _stacked(X: Complex) -> Array:
-    """Real parts, then imaginary parts, (m, 2F): inner products of these are those of signals."""
-    return np.concatenate([X.real, X.imag], axis=1)
-
-
-def _folded(values: Array) -> Array:
-    """Sums (F,) over real and imaginary parts (2F,)."""
-    return np.asarray(values.reshape(2, -1).sum(axis=0))
-
-
-def _leverage(inverse: Array, X: Array) -> Array:
-    """What a fit takes from each frequency (F,), by its inverse normal matrix."""
-    return _folded((X * combined(inverse, X)).sum(axis=0))
-
-
-def _banded(model: BlackBox, power: Array, left: Array, length: int, crossover: float) -> Array:
-    """Noise spectrum (F,) of a residual's power, of which a fit has left a share (F,) over."""
-    frequency = np.arange(len(power)) / (length * model.Ts * crossover)
-    band = np.searchsorted(_BANDS, frequency)
-    freedom = np.bincount(band, left, len(_BANDS) + 1)
-    sums = np.bincount(band, power, len(_BANDS) + 1)
-    return np.asarray(((sums + power.sum() / len(power)) / np.maximum(freedom - 1, 0.5))[band])
-
-
-def _sides(count: int) -> Array:
-    """How often each frequency of a real signal's transform stands for: twice but for the ends."""
-    sides = np.full(count, 2.0)
-    sides[0] = sides[-1] = 1.0
-    return sides
-
-
-def _spectrum(
-    model: BlackBox, power: Array, length: int, crossover: float
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Noise spectra (B, F) from residuals' power, white but for bands that are not; any colour.
-
-    What the fit has taken from the residual is added again.
-    """
-    n = model.functions.order
-    frequency = np.arange(power.shape[1]) / (length * model.Ts * crossover)
-    band = np.searchsorted(_BANDS, frequency)
-    count = np.bincount(band, minlength=len(_BANDS) + 1)
-    fitted = max(count[:-1].sum(), 1)
-    taken = np.where(np.arange(len(count)) < len(_BANDS), 1 - min(n / 2 / fitted, 0.5), 1.0)
-    sums = np.stack([power[:, band == b].sum(axis=1) for b in range(len(count))], axis=1)
-    left = len(frequency) - min(n / 2, len(frequency) / 2)
-    overall = sums.sum(axis=1, keepdims=True) / left * model.oversampled
-    with np.errstate(divide="ignore", invalid="ignore"):
-        level = sums / (count * taken)
-        coloured = level > overall * (1 + _COLOURED / np.sqrt(count))
-    return np.where(coloured, level, overall)[:, band], coloured[:, :-1].any(axis=1)
 
 
 def _frequencies(target: Target) -> Array:

@@ -1,0 +1,141 @@
+"""The residual's spectrum, and what coloured noise does to estimates.
+
+Noise is taken as white but for bands around the crossover whose power differs by more than chance.
+An estimate by white least squares keeps its value and gets the covariance that such noise gives it
+(a sandwich, in the frequency domain); where the colour matters the fit is repeated with each
+frequency weighted inversely to the noise there (generalised least squares).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+
+from tuners.features.laguerre import combined, lifted, products
+from tuners.trust.black_box import BlackBox, free_responses
+from tuners.trust.likely_prior import regularised
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_BANDS = 2.0 ** np.arange(-4, 4)  # edges, of the crossover: where the noise's power may differ
+_COLOURED = 3.0  # standard deviations of a band's power that count as colour
+_WEIGHINGS = 3
+_NEAR = 0.25, 2.0  # of the crossover: frequencies that decide the response there
+_FEW = 14.0  # degrees of freedom left there
+_STRONG = 3.0  # times all frequencies' noise: colour that matters there
+
+
+def sandwich(
+    model: BlackBox, error: Array, filtered: Array, crossover: float
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Covariance (B, 2, 2) of noise times signals (B, 2, N), noise spectra, and any colour (B,)."""
+    N = error.shape[1]
+    length, signals = next_fast_len(N, real=True), model.projected(filtered)
+    transformed = np.fft.rfft(np.concatenate([error[:, None], signals], axis=1), length)
+    E, X = transformed[:, 0], transformed[:, 1:]
+    spectra, coloured = _spectrum(model, (E * E.conj()).real / N, length, crossover)
+    X = X * np.sqrt(_sides(X.shape[2]) / length)
+    noisy = np.einsum("bif,bf,bjf->bij", X, spectra, X.conj()).real  # no threads of BLAS
+    return noisy, spectra, coloured
+
+
+def weighted(
+    model: BlackBox, i: int, spectrum: Array, at: Complex, crossover: float
+) -> tuple[Array, Array]:
+    """Coefficients (n,) of one recording by weighted least squares, and the covariance (2, 2).
+
+    Each frequency counts inversely to the noise there, whose spectrum is estimated again.  Where
+    the fit leaves few degrees of freedom around the crossover, noise can hardly be told from
+    response, and the covariance is widened.
+    """
+    functions, N = model.functions, model.u.shape[1]
+    Z, _ = free_responses(functions, N, model.Ts)
+    phi = functions.regressors(model.u[i % len(model.u)][None], model.Ts)[0]
+    signals = np.concatenate([phi, Z[: model.extra[i]], model.y[i][None]])
+    length, n = next_fast_len(N, real=True), len(phi)
+    sides = _sides(length // 2 + 1)
+    X = _stacked(np.fft.rfft(signals, length) * np.sqrt(sides / length))
+    spectrum = np.tile(spectrum, 2)
+    for _ in range(_WEIGHINGS):
+        gram = products(X / spectrum, X)
+        inverse = np.asarray(np.linalg.pinv(gram[n:-1, n:-1], hermitian=True), np.float64)
+        rest = [*range(n), -1]
+        Y = X[rest] - combined((inverse @ gram[n:-1][:, rest]).T, X[n:-1])
+        reduced = lifted(products(Y / spectrum, Y))
+        found = regularised(reduced[None, :-1, :-1], reduced[None, :-1, -1], reduced[-1:, -1],
+                            np.ones(1))  # fmt: skip
+        c = found.coefficients[0]
+        error = Y[-1] - combined(c[None], Y[:-1])[0]
+        taken = np.add(_leverage(found.estimator[0], Y[:-1]), _leverage(inverse, X[n:-1]))
+        power = _folded(error**2) * length / N / sides
+        left = np.maximum(1 - taken / spectrum[: len(sides)] / sides, 0.0)
+        spectrum = np.tile(_banded(model, power, left, length, crossover), 2)
+    near = np.arange(len(left)) / (length * model.Ts * crossover)
+    here = (near > _NEAR[0]) & (near < _NEAR[1])
+    freedom = max(2 * left[here].sum(), 1.0)
+    level = spectrum[: len(sides)][here].mean()
+    stronger = level > _STRONG * power.mean() * model.oversampled
+    doubt = (1 + (_FEW / freedom) ** 2) ** 2 if stronger else 1.0
+    J = response_slopes(c[None], at)
+    middle = found.estimator @ reduced[None, :-1, :-1] @ found.estimator + found.hidden
+    return c, doubt * (J @ middle @ J.swapaxes(1, 2))[0]
+
+
+def _spectrum(
+    model: BlackBox, power: Array, length: int, crossover: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Noise spectra (B, F) from residuals' power, white but for bands that are not; any colour.
+
+    What the fit has taken from the residual is added again.
+    """
+    n = model.functions.order
+    frequency = np.arange(power.shape[1]) / (length * model.Ts * crossover)
+    band = np.searchsorted(_BANDS, frequency)
+    count = np.bincount(band, minlength=len(_BANDS) + 1)
+    fitted = max(count[:-1].sum(), 1)
+    taken = np.where(np.arange(len(count)) < len(_BANDS), 1 - min(n / 2 / fitted, 0.5), 1.0)
+    sums = np.stack([power[:, band == b].sum(axis=1) for b in range(len(count))], axis=1)
+    left = len(frequency) - min(n / 2, len(frequency) / 2)
+    overall = sums.sum(axis=1, keepdims=True) / left * model.oversampled
+    with np.errstate(divide="ignore", invalid="ignore"):
+        level = sums / (count * taken)
+        coloured = level > overall * (1 + _COLOURED / np.sqrt(count))
+    return np.where(coloured, level, overall)[:, band], coloured[:, :-1].any(axis=1)
+
+
+def _banded(model: BlackBox, power: Array, left: Array, length: int, crossover: float) -> Array:
+    """Noise spectrum (F,) of a residual's power, of which a fit has left a share (F,) over."""
+    frequency = np.arange(len(power)) / (length * model.Ts * crossover)
+    band = np.searchsorted(_BANDS, frequency)
+    freedom = np.bincount(band, left, len(_BANDS) + 1)
+    sums = np.bincount(band, power, len(_BANDS) + 1)
+    return np.asarray(((sums + power.sum() / len(power)) / np.maximum(freedom - 1, 0.5))[band])
+
+
+def _stacked(X: Complex) -> Array:
+    """Real parts, then imaginary parts, (m, 2F): inner products of these are those of signals."""
+    return np.concatenate([X.real, X.imag], axis=1)
+
+
+def _folded(values: Array) -> Array:
+    """Sums (F,) over real and imaginary parts (2F,)."""
+    return np.asarray(values.reshape(2, -1).sum(axis=0))
+
+
+def _leverage(inverse: Array, X: Array) -> Array:
+    """What a fit takes from each frequency (F,), by its inverse normal matrix."""
+    return _folded((X * combined(inverse, X)).sum(axis=0))
+
+
+def _sides(count: int) -> Array:
+    """How often each frequency of a real signal's transform stands for: twice but for the ends."""
+    sides = np.full(count, 2.0)
+    sides[0] = sides[-1] = 1.0
+    return sides
+
+
+def response_slopes(coefficients: Array, at: Complex) -> Array:
+    """Derivatives (B, 2, n) of the required log magnitude and phase to the coefficients (B, n)."""
+    here = (coefficients @ at)[:, None]
+    slopes = np.divide(-at, here, out=np.full(coefficients.shape, np.nan + 0j), where=here != 0)
+    return np.stack([slopes.real, slopes.imag], axis=1)
