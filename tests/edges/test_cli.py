@@ -59,7 +59,7 @@ def log(case, tmp_path):
 
 KEYS = {
     "gains", "metrics", "trusted", "reasons", "notes", "status", "converged", "fallback",
-    "parameters", "deviations", "units", "checks", "forms", "target", "tuner", "plant", "log",
+    "verdict", "answered_by", "left", "metrics_if_plant_exact", "parameters", "deviations", "units", "checks", "forms", "target", "tuner", "plant", "log",
     "fit",
 }  # fmt: skip
 
@@ -78,7 +78,8 @@ def test_json_has_everything(name, case):
     gains = dict(zip(plant.gains, (found[gain] for gain in plant.gains), strict=True))
     assert set(found) == KEYS | set(gains) | set(found["metrics"])
     assert gains == found["gains"] and found["fallback"].keys() == gains.keys()
-    assert found["trusted"] and found["reasons"] == [] and found["status"] == "ok"
+    assert found["trusted"] and found["verdict"] == "usable" and found["answered_by"] == "tuner"
+    assert found["reasons"] == found["left"] == [] and found["status"] == "ok"
     for metric, interval in found["metrics"].items():
         assert found[metric] == interval and interval["low"] < interval["value"] < interval["high"]
     assert all(check["passed"] for check in found["checks"])
@@ -97,7 +98,7 @@ def test_gains_that_do_not_exist_are_null_or_none():
     result, log = result_of("lag", sign=-1), log_of("lag")
     gone = dict.fromkeys(result.gains, np.nan)
     text = as_text(replace(result, gains=gone), log)
-    assert re.search(r"\n  kp +none\n", text) and "NOT TRUSTED\n  - " in text
+    assert re.search(r"\n  kp +none\n", text) and "REFUSED\n  - " in text
     assert f"kp {result.fallback['kp']:.4g}" in text
     without = replace(result, gains=gone, fallback=gone)
     assert "No gains are stable" in as_text(without, log)
@@ -115,14 +116,14 @@ def test_text_and_report_have_gains_metrics_and_the_difference_equation(name, lo
     assert re.search(r"\n  kp +\d\.\d+", out) and re.search(r"\n  Ti +\d\.\d+", out)
     assert len(re.findall(r"between .* and .* \(90 %\)", out)) == 2
     assert ("every         10 ms: u[k] = u[k-1] +" in out) is (name == "vehicle")
-    assert "\nTrusted: every check passed." in out
+    assert "\n\nUSABLE\n" in out
     assert not report or "controller from log.csv" in page.read_text()
 
 
 def test_a_reversed_sign_is_found(name, case, tmp_path):
     tuner, log = tuner_of(name), write(tmp_path / "log.csv", case.changed(input=-case.u))
     code, out, _ = call("tune", log, "--tuner", tuner)
-    assert code == UNTRUSTED and "NOT TRUSTED\n  - " in out and "--flip-input" in out
+    assert code == UNTRUSTED and "REFUSED\n  - " in out and "--flip-input" in out
     assert "(90 %)" not in out  # metrics that the recording does not support
     assert tuned(log, tuner, "--flip-input")["trusted"]
     right = write(tmp_path / "right.csv", case.columns)
@@ -142,7 +143,7 @@ def test_a_late_output_is_found(name, case, early, tmp_path):
     )
     found = tuned(log, tuner_of(name))
     ms = 1e3 * shift * case.Ts
-    assert not found["trusted"]
+    assert found["verdict"] != "usable"
     assert any(f"logged {ms:g} ms late" in note for note in found["notes"]) is not early
 
 

@@ -66,7 +66,9 @@ def test_a_measured_angle_leads_to_the_same_loop(tmp_path, tuner):
     _, angle, y = drive(0.8, 120.0, 18.0)
     log = log_of(tmp_path, angle, y, 18.0)
     check_on_target(tuned(log, tuner, "--steer-is", "measured"), 0.8, 120.0, 18.0)
-    assert not tuned(log, tuner)["trusted"]
+    asked = tuned(log, tuner)  # as if it were the command
+    assert asked["verdict"] != "usable"
+    assert not asked["trusted"] or any("is the logged" in why for why in asked["reasons"])
 
 
 def test_degrees_a_hand_wheel_and_km_per_hour_give_the_same_gains(tmp_path):

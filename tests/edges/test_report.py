@@ -53,7 +53,7 @@ LABELS = {
 
 
 def test_the_page_names_result_signals_parameters_and_setup(page, name):
-    for words in (*SAID[name], ">Trusted<", "my.tuner", "between ", "passed, limit 0.01"):
+    for words in (*SAID[name], ">Usable<", "my.tuner", "between ", "passed, limit 0.01"):
         assert words in page, words
     assert LABELS[name] <= text_of(page)
 
@@ -70,15 +70,17 @@ def test_reasons_fallback_and_failed_checks_are_shown_and_no_controller_without_
     result = result_of(name, sign=-1)
     none = dict.fromkeys(result.gains, np.nan)
     page = render(replace(result, gains=none), log_of(name), "my.tuner")
-    assert ">Not trusted<" in page and "class=failed" in page
+    assert ">Refused<" in page and "class=failed" in page
     assert f"kp {result.fallback['kp']:.4g}" in page
     assert "<h2>Controller</h2>" not in page and ">none<" in page
     check_whole(page, pictures=4)
 
 
 def test_an_unstable_loop_is_drawn_and_said():
-    result = replace(result_of("vehicle"), gains={"kp": 5.0, "Ti": 0.05}, trusted=False)
-    page = render(result, log_of("vehicle"), "my.tuner")
+    result = result_of("vehicle")
+    theta, gains = np.array(list(result.fit.parameters.values())), {"kp": 5.0, "Ti": 0.05}
+    loop = result.plant.closed_loop(theta, np.array([5.0, 0.05]))
+    page = render(replace(result, gains=gains, loop=loop), log_of("vehicle"), "my.tuner")
     assert "the loop is unstable" in page
     Checked(page)
 
@@ -92,7 +94,9 @@ def test_responses_alone_are_drawn_for_wide_and_narrow_pages():
         return ClosedLoop((Response("Step of the flow", time, 1 - np.exp(-time)),))
 
     result = result_of("lag")
-    page = render(replace(result, plant=replace(result.plant, loop=loop)), log_of("lag"), "t")
+    theta = np.array(list(result.fit.parameters.values()))
+    drawn = replace(result.plant, loop=loop).closed_loop(theta, np.array([*result.gains.values()]))
+    page = render(replace(result, loop=drawn), log_of("lag"), "t")
     check_whole(page, pictures=6)
     assert "Step of the flow" in text_of(page)
     theta, gains = asked[-1]

@@ -207,7 +207,7 @@ def products(a: Array, b: Array) -> Array:
 
 def combined(weights: Array, signals: Array) -> Array:
     """``weights @ signals`` of long rows (n, N), in parts as small as those of `products`."""
-    step = max(_SERIAL // weights.size, 1)
+    step = max(_SERIAL // max(weights.size, 1), 1)
     out = np.empty((len(weights), signals.shape[1]))
     for k in range(0, signals.shape[1], step):
         np.matmul(weights, signals[:, k : k + step], out=out[:, k : k + step])

@@ -20,6 +20,7 @@ from yawrate_env.loop import controller
 from yawrate_env.loop.design import Design, Status, design_from_response
 from yawrate_env.loop.margins import delta_operator
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.responses import OpenLoop
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -46,8 +47,10 @@ class Response:
         (B, 2) log magnitude and phase [rad] that the controller must supply.
     covariance : NDArray
         (B, 2, 2) of `required`.
+    output : NDArray
+        (B, N) the black box's, without offset and free response.
     noise : NDArray
-        (B,) mean square of the black box's residual.
+        (B,) mean square of its residual.
     colour : NDArray
         (B,) power of the residual around the crossover over that of white noise.
     halves : NDArray
@@ -64,6 +67,7 @@ class Response:
     values: Complex
     required: Array
     covariance: Array
+    output: Array
     noise: Array
     colour: Array
     halves: Array
@@ -96,7 +100,9 @@ class Response:
         noise = (error**2).mean(axis=1)
         at_crossover = round(2 * (spectra.shape[1] - 1) * model.Ts * target.crossover)
         colour = spectra[:, at_crossover] / np.where(noise > 0, noise, 1.0) / model.oversampled
-        return cls(target, omega, values, required, covariance, noise, colour, halves, *bent)
+        return cls(
+            target, omega, values, required, covariance, output, noise, colour, halves, *bent
+        )
 
     def __len__(self) -> int:
         return len(self.values)
@@ -123,6 +129,11 @@ class Response:
         target = np.array([self.target.phase_margin, self.target.crossover])
         metrics = self.metrics(self.gains)
         return np.where(np.isfinite(metrics).all(axis=1, keepdims=True), metrics, target)
+
+    def open_loop(self, gains: Array, i: int) -> OpenLoop:
+        """The loop of gains (2,) around one recording's response, as reports draw it."""
+        L = self._loop(np.tile(gains, (len(self), 1)))[i]
+        return OpenLoop(self.omega / (2 * np.pi), L)
 
     def spread(self, gains: Array) -> Array:
         """Standard deviations (B, 2) of the `metrics` of gains (B, 2)."""
@@ -161,16 +172,20 @@ class Response:
             J[:, 1, 0] = metrics[:, 1] / magnitude
         return J
 
+    def _loop(self, gains: Array) -> Complex:
+        """Open loops (B, F) of gains (B, 2)."""
+        kp, Ti = gains.T
+        n1, n0, d0 = (c[:, None] for c in controller.coefficients(kp, Ti, self.target))
+        delta = delta_operator(self.omega, self.target.Ts)
+        return np.asarray(self.values * (n1 * delta + n0) / (delta + d0))
+
     def _crossing(self, gains: Array) -> tuple[Array, tuple[Array, Array]]:
         """Metrics, and the slopes of log magnitude and phase over log frequency, (B,) each."""
-        target, log_omega = self.target, np.log(self.omega)
-        kp, Ti = gains.T
-        n1, n0, d0 = (c[:, None] for c in controller.coefficients(kp, Ti, target))
-        delta = delta_operator(self.omega, target.Ts)
+        log_omega = np.log(self.omega)
         with np.errstate(divide="ignore", invalid="ignore"):
-            L = self.values * (n1 * delta + n0) / (delta + d0)
+            L = self._loop(gains)
             magnitude, phase = np.log(np.abs(L)), np.unwrap(np.angle(L), axis=1)
-            falls = np.asarray((magnitude[:, :-1] > 0) & (magnitude[:, 1:] <= 0))
+            falls: NDArray[np.bool_] = np.logical_and(magnitude[:, :-1] > 0, magnitude[:, 1:] <= 0)
             k = falls.shape[1] - 1 - falls[:, ::-1].argmax(axis=1)
             rows, width = np.arange(len(L)), log_omega[k + 1] - log_omega[k]
             before, after = magnitude[rows, k], magnitude[rows, k + 1]

@@ -14,6 +14,7 @@ from tuners.tuner.method import Rung
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
+from yawrate_env.plant.responses import ClosedLoop
 
 Array = NDArray[np.float64]
 
@@ -55,10 +56,14 @@ class FittedPlant:
     snr_db: float
 
     @classmethod
-    def of(cls, plant: Plant, found: Assessment, i: int = 0) -> "FittedPlant":
-        """One recording's."""
+    def of(cls, plant: Plant, found: Assessment, i: int = 0, alone: bool = False) -> "FittedPlant":
+        """One recording's; output and residual are the black box's where it is asked alone."""
         fit, model, names = found.fit, found.model, tuple(plant.prior)
         simulated, residual = fit.simulated[i], fit.residual[i]
+        if alone and found.response is not None:
+            measured = simulated + residual
+            simulated = found.response.output[i] + model.free[i]
+            residual = measured - simulated
         with np.errstate(divide="ignore", invalid="ignore"):
             snr_db = float(10 * np.log10(simulated.var() / np.mean(residual**2)))
             deviations = plant.width * np.sqrt(np.diag(fit.covariance[i]))
@@ -117,7 +122,10 @@ class Result:
     checks : tuple of Check
         All checks, in the order in which they are reported.
     fit : FittedPlant
-        The plant fitted to the recording, and the recording itself.
+        The plant fitted to the recording, and the recording itself; its output and residual are
+        the black box's where that answers.
+    loop : ClosedLoop, optional
+        The loop of the gains, as reports draw it: around the plant that answers.
     plant : Plant
         What the tuner was made for.
     """
@@ -135,6 +143,7 @@ class Result:
     fallback: Mapping[str, float]
     checks: tuple[Check, ...] = field(repr=False)
     fit: FittedPlant = field(repr=False)
+    loop: ClosedLoop | None = field(repr=False)
     plant: Plant = field(repr=False)
 
     @property

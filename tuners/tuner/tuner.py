@@ -26,6 +26,7 @@ from yawrate_env import validation
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.names import check_name
 from yawrate_env.plant.plant import Plant
+from yawrate_env.plant.responses import ClosedLoop
 
 Array = NDArray[np.float64]
 
@@ -136,6 +137,7 @@ class Tuner:
     def _result(self, given: Recording, climbed: Climb, found: Assessment, i: int) -> Result:
         plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
+        alone = climbed.rung[i] >= Rung.BLACK_BOX
         why = left(self.plant, climbed, found, i) if Rung.FITTED_PLANT in self.method.rungs else ()
         return Result(
             gains=self._named(gains.values[i]),
@@ -152,7 +154,8 @@ class Tuner:
             notes=notes.notes(self.plant, given, found.fit.residual[i], self.method.any_experiment),
             fallback=self._named(self.fallback),
             checks=checks,
-            fit=FittedPlant.of(self.plant, found, i),
+            fit=FittedPlant.of(plant, found, i, alone),
+            loop=_loop(plant, gains.values[i], found, i, alone),
             plant=self.plant,
         )
 
@@ -282,6 +285,15 @@ def _intervals(
     """Metrics (f,) plus and minus factors times their standard deviations (f,), by name."""
     ends = zip(plant.counted, metrics, np.array(factors) * spread, strict=True)
     return {name: Interval(float(v), float(v - h), float(v + h)) for name, v, h in ends}
+
+
+def _loop(plant: Plant, gains: Array, found: Assessment, i: int, alone: bool) -> ClosedLoop | None:
+    """The loop around the fitted plant, or what the recording alone shows of it."""
+    if not (alone and found.response is not None):
+        return plant.closed_loop(found.fit.theta[i], gains)
+    if not np.isfinite(gains).all():
+        return None
+    return ClosedLoop(open=found.response.open_loop(gains, i))
 
 
 def _reasons(

@@ -3,15 +3,22 @@
 import os
 from typing import Any
 
-import numpy as np
-
 import yawrate_env
 from tuners.cli.report import figures, loops, tables
 from tuners.cli.report.figures import Traces
 from tuners.cli.report.numbers import minus
 from tuners.cli.report.residuals import Residuals
-from tuners.cli.text import described, displayed, fallback_text, forms_of, gain_units
+from tuners.cli.text import (
+    VERDICTS,
+    answered_by,
+    described,
+    displayed,
+    fallback_text,
+    forms_of,
+    gain_units,
+)
 from tuners.logs import Log
+from tuners.tuner.method import Rung
 from tuners.tuner.result import Result
 from yawrate_env.files import write_text
 from yawrate_env.plant.names import word
@@ -39,8 +46,7 @@ def render(result: Result, log: Log, tuner: str) -> str:
     input, output = (word(name, kind) for (name, _), kind in zip(shown, KINDS, strict=True))
     longest = LONGEST_LAG * len(plant.u) * plant.Ts
     residuals = Residuals.of(fit.residual, fit.u, fit.Ts, log.recorded_Ts, longest)
-    theta, gains = (np.array(list(v.values())) for v in (fit.parameters, result.gains))
-    loop = plant.closed_loop(theta, gains)
+    loop, alone = result.loop, result.rung >= Rung.BLACK_BOX
     drawn = {
         **_recording(result, log),
         **loops.pictured(loop, shown[1][0]),
@@ -48,6 +54,12 @@ def render(result: Result, log: Log, tuner: str) -> str:
         "cross": figures.correlation(residuals.cross, f"Residual with the {input}"),
     }
     return _filled(
+        verdict=VERDICTS[result.verdict].capitalize(),
+        answered_by=answered_by(result),
+        fitted="The black box that fits the recording best"
+        if alone
+        else "The plant of the simulator that fits the recording best",
+        around="the response that the recording shows" if alone else "the fitted plant",
         title=_title(plant, log),
         result=result,
         described=described(log, plant),

@@ -28,6 +28,9 @@ CHECKS = {
     "response": "Response off the fitted plant's",
     "outside": "Fitted plant outside the prior, in widths of it",
     "colour": "Residual's power at the crossover, over white noise",
+    "bend": "Growth of the response with the amplitude",
+    "halves": "Halves of the recording off the whole, in metrics' limits",
+    "limited": "Target out of the controller's reach",
     "unsolved": "Design or numerics failed",
 }
 """Checks of every plant, as tables name them."""
@@ -118,6 +121,10 @@ def _check_names(plant: Plant) -> dict[str, tuple[str, str]]:
     for metric in plant.counted:
         words, unit = metric_name(metric), unit_of(metric)
         named[check_name(metric, "spread")] = f"Standard deviation of the {words}", unit
+        named[check_name(metric, "contrast")] = (
+            f"{capital(words)} between fitted plant and recording",
+            unit,
+        )
         named[check_name(metric, "error")] = f"{capital(words)} off its target", unit
     return named
 
