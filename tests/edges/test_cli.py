@@ -59,7 +59,8 @@ def log(case, tmp_path):
 
 KEYS = {
     "gains", "metrics", "trusted", "reasons", "notes", "status", "converged", "fallback",
-    "verdict", "answered_by", "left", "metrics_if_plant_exact", "parameters", "deviations", "units", "checks", "forms", "target", "tuner", "plant", "log",
+    "verdict", "answered_by", "left", "metrics_if_plant_exact",
+    "parameters", "deviations", "units", "checks", "forms", "target", "tuner", "plant", "log",
     "fit",
 }  # fmt: skip
 
