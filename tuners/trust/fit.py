@@ -14,9 +14,9 @@ from tuners.trust.black_box import BlackBox
 from tuners.trust.identification import (
     LARGEST_STEP,
     Identified,
+    drawn_to_prior,
     identify,
     identify_from_several,
-    inverse_of,
     moved,
     output_slopes,
 )
@@ -48,7 +48,7 @@ class Fit:
         (B,) mean square of the residual, or more where it is stronger around the
         crossover than elsewhere.
     covariance : NDArray
-        (B, q, q) of the unknown parameters in widths of their ranges; ``inf`` where the
+        (B, q, q) of the unknown parameters in widths of their ranges; the prior's where the
         data do not determine them.
     """
 
@@ -79,8 +79,8 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
         if settled.all():
             break
         error, slopes = _signals(plant, theta, model)
-        with np.errstate(invalid="ignore"):
-            step = (inverse_of(slopes) @ (slopes @ error[..., None]))[..., 0]
+        inverse, _ = drawn_to_prior(slopes, (error**2).mean(axis=1))
+        step = (inverse @ (slopes @ error[..., None]))[..., 0]
         step = np.where(model.unknown[:, None] & np.isfinite(step), step, 0.0)
         theta = moved(plant, theta, np.clip(step, -LARGEST_STEP, LARGEST_STEP), *limits)
         settled = np.abs(step).max(axis=1, initial=0.0) <= _SETTLED
@@ -88,8 +88,7 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     noise = noise_level(error, model.Ts, plant.crossover)
     if plant.crossover is None:  # interpolation reduces the noise of most frequencies
         noise = noise * model.oversampled
-    with np.errstate(invalid="ignore"):  # no noise and no information: no answer
-        covariance = noise[:, None, None] * inverse_of(slopes)
+    _, covariance = drawn_to_prior(slopes, noise)
     converged = np.where(model.unknown, settled, found.converged)
     return Fit(theta, converged, measured - error, error, noise, covariance)
 

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.trust.fit import Fit
+from tuners.trust.identification import UNIFORM
 from tuners.tuner.recording import STEADY, Recording
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -13,13 +15,18 @@ ROUNDED = 1e-3
 """Of the largest input, or of a sampling time: differences by rounding in logs."""
 
 _FEW = 10  # samples for each distinct value, or more
+_OPEN = 0.5  # of the prior's standard deviation: a parameter that a recording leaves open
 
 
-def notes(plant: Plant, given: Recording, residual: Array, any_experiment: bool) -> tuple[str, ...]:
-    """Notes on one recording, and the residual (N,) of the plant fitted to it.
+def notes(
+    plant: Plant, given: Recording, fitted: Fit, i: int, any_experiment: bool
+) -> tuple[str, ...]:
+    """Notes on one recording.
 
     Parameters
     ----------
+    fitted : Fit
+        Plants fitted to recordings, of which this one has index `i`.
     any_experiment : bool
         Whether another input and sampling time than the plant's make no difference.
     """
@@ -32,7 +39,17 @@ def notes(plant: Plant, given: Recording, residual: Array, any_experiment: bool)
         label = " or ".join(split(plant.label(name))[0] for name in plant.measured)
         found.append(f"The {label} varies by {given.variation:.0%}; its mean counts.")
     output = split(plant.signals[1])
-    return (*found, *_quantised(given.y[0], residual, *output))
+    left = _left_open(plant, fitted.covariance[i])
+    return (*found, *left, *_quantised(given.y[0], fitted.residual[i], *output))
+
+
+def _left_open(plant: Plant, covariance: Array) -> tuple[str, ...]:
+    """A note on parameters that a fit of covariance (q, q), in widths, hardly determines."""
+    wide = np.diag(covariance) > _OPEN**2 * UNIFORM
+    names = [split(plant.label(list(plant.prior)[i]))[0] for i in plant.unknown[wide]]
+    if not names:
+        return ()
+    return (f"The recording does not tell {', '.join(names)}: most of the prior remains possible.",)
 
 
 def _same_input(plant: Plant, given: Recording) -> bool:

@@ -137,7 +137,7 @@ class Tuner:
             verdict=verdict,
             rung=Rung(climbed.rung[i]),
             reasons=tuple(dict.fromkeys(check.message for check in checks if not check.passed)),
-            notes=notes.notes(self.plant, given, found.fit.residual[i], self.method.any_experiment),
+            notes=notes.notes(self.plant, given, found.fit, i, self.method.any_experiment),
             fallback=self._named(self.fallback),
             checks=checks,
             fit=FittedPlant.of(self.plant, found, i),

@@ -3,7 +3,6 @@
 import numpy as np
 
 from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
-from yawrate_env.vehicle.task import Prior
 
 HAND_WHEEL = ("handwheelangle", "steeringwheelangle", "swa", "lenkwinkel")
 """Column names of angles before the steering gear."""
@@ -47,23 +46,3 @@ MESSAGES = {
     "speed": "The recording's speed is not one that the tuner was made for: train one for it, "
     "or use one for every speed.",
 }
-
-_ALIKE = (
-    {"mu_s", "M_delta", "J_z"},
-    {"C_f", "C_r", "M_delta", "J_z"},
-    {"mu_s", "C_f", "C_r"},
-)
-"""Parameters that, scaled together or against each other, leave every response as it is."""
-
-
-def messages(prior: Prior) -> dict[str, str]:
-    """Checks to their sentences, for vehicles of this prior."""
-    unknown = {name for name, (low, high) in prior.ranges.items() if low < high}
-    for names in _ALIKE:
-        if names <= unknown:
-            said = (
-                f"No recording can tell {', '.join(sorted(names))} apart, since only ratios of "
-                "stiffness, mass and inertia show in it: give one of them as a number."
-            )
-            return MESSAGES | {"phase_margin_spread": said, "crossover_spread": said}
-    return MESSAGES

@@ -31,7 +31,7 @@ from yawrate_env.vehicle.sensitivity import LogSensitivity
 from yawrate_env.vehicle.single_track import OTHERS, Context, bounds
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.twin import LinearTwin
-from yawrate_env.vehicle.words import CAUTIONS, SYNONYMS, messages
+from yawrate_env.vehicle.words import CAUTIONS, MESSAGES, SYNONYMS
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.uint64]
@@ -136,7 +136,7 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         cautions=CAUTIONS,
         actuator=vehicles.actuator if vehicles.actuator_known else None,
         remarks=remarks,
-        messages=messages(task.prior),
+        messages=MESSAGES,
         record=vehicles.record,
         sensitivity=vehicles.sensitivity if vehicles.exact_slopes else None,
         linear_model=None if vehicles.linear else yaw_rate(straight, check=check),
