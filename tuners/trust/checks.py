@@ -17,8 +17,9 @@ from tuners.trust.black_box import BlackBox
 from tuners.trust.fit import Fit, most_coloured
 from tuners.trust.identification import central
 from tuners.trust.intervals import GAUSSIAN
+from tuners.trust.residuals import against_declared
 from tuners.trust.response import Response
-from tuners.trust.verdict import Check, Finding, Verdict, worst
+from tuners.trust.verdict import Check, Finding, Verdict
 from yawrate_env.plant.names import check_name, split
 from yawrate_env.plant.plant import Plant
 
@@ -59,8 +60,17 @@ class Limits:
     halves : float
         Metrics by which the recording's halves differ from the whole, beyond what noise can do,
         over their `error`.
+    parts : float
+        Standard deviation of a metric, over the widest that is not refused, where parts of the
+        recording ask for other gains than the whole.
+    louder : float
+        Residual over the noise that the plant declares, root mean squares.
+    pattern : float
+        The same where the residual is coloured: more than noise.
     limited : float
         Whether the target is out of the controller's reach, as 1 or 0.
+    undesigned : float
+        Whether the design rule has no gains for the fitted plant, as 1 or 0.
     unsolved : float
         Whether there are no gains or the numerics failed, as 1 or 0.
     """
@@ -73,11 +83,17 @@ class Limits:
     outside: float = 0.1
     bend: float = 0.03
     halves: float = 1.0
+    parts: float = 1 / 3
+    louder: float = 2.0
+    pattern: float = 1.5
     limited: float = 0.0
+    undesigned: float = 0.0
     unsolved: float = 0.0
 
 
 _NOISIEST = 0.6  # residual over output beyond which gains are refused
+_CONTRADICTED = 0.1  # of the output: a misfit that small errors of the simulator do not explain
+_PATTERN = 10.0  # times the declared noise: more than small errors of a simulator leave over
 _BENT = 0.1  # share of the slope beyond which gains are refused: a tenth of the crossover
 _CHANGED = 4.0  # standard deviations of a difference between halves, or of a bend, that count
 _INFORMATION = (
@@ -96,12 +112,19 @@ MESSAGES = {
     "colour": "Something other than the input moves the output around the crossover: a "
     "disturbance, a drift or a sensor fault.",
     "outside": "The fitted plant lies outside the prior that the tuner was made for.",
-    "bend": "The output does not grow in proportion to the input: the plant or the sensor saturates "
-    "or bends. Excite with the amplitude that the loop will have.",
-    "halves": "The response changes during the recording: the operating point moves, or something "
-    "breaks. Record while all stays as it is.",
+    "bend": "The output does not grow in proportion to the input: the plant or the sensor "
+    "saturates or bends. Excite with the amplitude that the loop will have.",
+    "halves": "The response changes during the recording: the operating point moves, or "
+    "something breaks. Record while all stays as it is.",
+    "parts": "Parts of the recording ask for other gains than the whole: the plant is not as "
+    "simulated, drifts or is disturbed.",
+    "louder": "The residual is larger than the noise that the plant declares: the sensor is "
+    "noisier, or the plant is not as simulated.",
+    "pattern": "The residual is not noise but has a pattern: the plant is not as simulated, drifts "
+    "or is disturbed. Compare the fitted plant with the recording.",
     "limited": "The controller cannot reach the target with this plant: the gains come as near as "
     "it can.",
+    "undesigned": "The design rule has no gains for the plant that fits the recording.",
     "unsolved": "A number is missing or a search did not converge.",
 }
 
@@ -214,11 +237,17 @@ def assess(
     with np.errstate(all="ignore"):
         exact, exact_spread = predicted(plant, fitted, gains)
         metrics, spread, aim = exact, exact_spread, plant.targets(fitted.theta)
+        known, parts = spread, np.zeros_like(spread)
+        if fitted.discrepancy is not None:
+            slopes = metric_slopes(plant, fitted, gains)
+            known, parts = fitted.discrepancy.spread(slopes), fitted.discrepancy.difference(slopes)
+            spread = np.hypot(known, parts)
         if response is not None:
             metrics, spread = response.metrics(gains), response.spread(gains)
             aim = response.reached
         off = np.abs(metrics - aim)
         solved = judged.solved & np.isfinite(gains).all(axis=1)
+        designed = np.isfinite(plant.oracle(fitted.theta)).all(axis=1)
         second = np.inf if response is not None else None
         checks = _Checks(plant, second)
         error, widths = plant.metric_setting("error"), plant.metric_setting("spread")
@@ -226,7 +255,19 @@ def assess(
         findings = {
             **checks.of_measured(start, anywhere),
             "implausible": checks.of("implausible", _implausible(plant, model.u, measured)),
-            **checks.of_metrics("spread", spread, widths, np.maximum(widest, widths), _INFORMATION),
+        }
+        if response is None:
+            known, parts, spread, off = (
+                np.where(designed[:, None], each, 0.0) for each in (known, parts, spread, off)
+            )
+            share = np.where(parts > 0, spread, 0.0) / np.maximum(widest, widths)
+            findings["parts"] = checks.of("parts", share.max(axis=1), refusal=1.0)
+            findings["undesigned"] = checks.of("undesigned", np.where(designed, 0.0, 1.0))
+            solved = (solved & ~judged.limited) | (~designed & fitted.converged)
+        else:
+            known = spread
+        findings |= {
+            **checks.of_metrics("spread", known, widths, np.maximum(widest, widths), _INFORMATION),
             **checks.of_recordings(model, fitted, response),
         }
         if response is not None:
@@ -239,9 +280,8 @@ def assess(
         refused = _MISS * error if response is not None else error
         findings |= checks.of_metrics("error", off, error, refused, _MISSED)
         if response is not None:
-            findings["limited"] = checks.of("limited", np.where(judged.limited, 1.0, 0.0), refusal=1.0)
-        else:
-            solved = solved & ~judged.limited
+            limited = np.where(judged.limited, 1.0, 0.0)
+            findings["limited"] = checks.of("limited", limited, refusal=1.0)
         findings["unsolved"] = checks.of("unsolved", np.where(solved, 0.0, 1.0))
     if alone:
         exact, exact_spread = np.full_like(exact, np.nan), np.full_like(exact, np.nan)
@@ -249,17 +289,20 @@ def assess(
         asked |= {check_name(m, what) for m in plant.counted for what in ("spread", "error")}
         findings = {name: finding for name, finding in findings.items() if name in asked}
     worded = {n: replace(f, message=plant.messages.get(n, f.message)) for n, f in findings.items()}
-    return Assessment(
-        model, fitted, response, metrics, spread, exact, exact_spread, worded
-    )  # fmt: skip
+    return Assessment(model, fitted, response, metrics, spread, exact, exact_spread, worded)
 
 
 def predicted(plant: Plant, fitted: Fit, gains: Array) -> tuple[Array, Array]:
     """Metrics (B, f) of gains (B, k) with fitted plants, and their standard deviations."""
+    J = metric_slopes(plant, fitted, gains)
+    spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, fitted.covariance, J))
+    return plant.metric_values(fitted.theta, gains), spread
+
+
+def metric_slopes(plant: Plant, fitted: Fit, gains: Array) -> Array:
+    """Derivatives (B, f, q) of the metrics of gains (B, k) to the parameters of fitted plants."""
     sides = np.tile(gains, (2 * max(len(plant.unknown), 1), 1))
-    metrics = plant.metric_values(fitted.theta, gains)
-    J = central(plant, fitted.theta, lambda t: plant.metric_values(t, sides[: len(t)]), _STEP)
-    return metrics, np.sqrt(np.einsum("bij,bjk,bik->bi", J, fitted.covariance, J))
+    return central(plant, fitted.theta, lambda t: plant.metric_values(t, sides[: len(t)]), _STEP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,11 +369,16 @@ class _Checks:
         noise = (found.residual**2).mean(axis=1)
         left = noise if response is None else response.noise
         values = {
-            "misfit": (_misfit(plant, model, found), self.second),
+            "misfit": (_misfit(plant, model, found), _CONTRADICTED if response is None else np.inf),
             "noise": (np.sqrt(left / found.simulated.var(axis=1)), _NOISIEST),
             "outside": (_outside(plant, found), self.second),
         }
         findings = {n: self.of(n, value, refusal=at) for n, (value, at) in values.items()}
+        if response is None:
+            louder, pattern = against_declared(plant, model, found)
+            findings["louder"] = self.of("louder", louder, refusal=np.inf)
+            most = np.inf if plant.linear else _PATTERN
+            findings["pattern"] = self.of("pattern", pattern, refusal=most)
         if plant.crossover is not None:
             colour = found.noise / noise / model.oversampled
             most = most_coloured(found.residual.shape[1], model.Ts, plant.crossover)
@@ -352,7 +400,8 @@ def _misfit(plant: Plant, model: BlackBox, found: Fit) -> Array:
     freedom = max(model.functions.order - len(plant.unknown), 1)
     excess = (found.residual**2).sum(axis=1) - model.residual
     chance = found.noise * (freedom + _DOUBT * np.sqrt(2 * freedom))
-    return np.asarray(np.sqrt(np.maximum(excess - chance, 0) / (found.simulated**2).sum(axis=1)))
+    energy = found.simulated.var(axis=1) * found.simulated.shape[1]
+    return np.asarray(np.sqrt(np.maximum(excess - chance, 0) / energy))
 
 
 def _response(crossover: float, model: BlackBox, found: Fit) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.trust.black_box import BlackBox
+from tuners.trust.discrepancy import Discrepancy
 from tuners.trust.identification import (
     LARGEST_STEP,
     Identified,
@@ -50,6 +51,8 @@ class Fit:
     covariance : NDArray
         (B, q, q) of the unknown parameters in widths of their ranges; the prior's where the
         data do not determine them.
+    discrepancy : Discrepancy, optional
+        How far off the plants may be, where no response of the black box judges.
     """
 
     theta: Array
@@ -58,6 +61,7 @@ class Fit:
     residual: Array
     noise: Array
     covariance: Array
+    discrepancy: Discrepancy | None
 
 
 def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
@@ -90,7 +94,10 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
         noise = noise * model.oversampled
     _, covariance = drawn_to_prior(slopes, noise)
     converged = np.where(model.unknown, settled, found.converged)
-    return Fit(theta, converged, measured - error, error, noise, covariance)
+    simulated, discrepancy = measured - error, None
+    if plant.loop_target is None:
+        discrepancy = Discrepancy.of(error, slopes, simulated, noise, covariance)
+    return Fit(theta, converged, simulated, error, noise, covariance, discrepancy)
 
 
 def search(plant: Plant, u: Array, y: Array, start: Array) -> Identified:

@@ -28,6 +28,11 @@ CHECKS = {
     "response": "Response off the fitted plant's",
     "outside": "Fitted plant outside the prior, in widths of it",
     "colour": "Residual's power at the crossover, over white noise",
+    "parts": "Spread between parts of the recording, over the widest",
+    "louder": "Residual over the noise that the plant declares",
+    "pattern": "Residual with a pattern, over the noise that the plant declares",
+    "undesigned": "No gains for the fitted plant",
+    "stretched": "The experiment's samples at another sampling time",
     "unsolved": "Design or numerics failed",
 }
 """Checks of every plant, as tables name them."""
