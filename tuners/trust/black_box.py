@@ -122,6 +122,17 @@ def _hidden(plant: Plant, functions: Laguerre) -> bool:
     return bool((rest - moving <= _HIDDEN * plant.sigma(y) ** 2).all())
 
 
+def left_over(plant: Plant, functions: Laguerre) -> float:
+    """Share of the prior's noise-free outputs that black boxes do not explain, root mean squares.
+
+    Where a plant is so nonlinear, a misfit smaller than this cannot be seen.
+    """
+    y = plant.respond(sample(plant, _PLANTS))
+    start = "rest" if plant.linear else "auto"
+    left = black_box(plant, functions, plant.u[None], y, start).residual
+    return float(np.sqrt(left / (y.var(axis=1) * y.shape[1])).mean())
+
+
 def suited(plant: Plant, order: int) -> Laguerre:
     """Laguerre basis with the pole that explains the prior's noise-free outputs best."""
     y = plant.respond(sample(plant, _PLANTS))
@@ -235,9 +246,7 @@ class _Level:
     def where(self, needed: NDArray[np.bool_], other: "_Level") -> "_Level":
         """These, and `other` where it is needed (B,)."""
         pairs = ((getattr(other, name), getattr(self, name)) for name in self.__slots__)
-        parts = (
-            np.where(needed.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs
-        )
+        parts = (np.where(needed.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs)
         return _Level(*parts)
 
 

@@ -247,7 +247,7 @@ def assess(
             aim = response.reached
         off = np.abs(metrics - aim)
         solved = judged.solved & np.isfinite(gains).all(axis=1)
-        designed = np.isfinite(plant.oracle(fitted.theta)).all(axis=1)
+        designed = np.asarray(np.isfinite(plant.oracle(fitted.theta)).all(axis=1))
         second = np.inf if response is not None else None
         checks = _Checks(plant, second)
         error, widths = plant.metric_setting("error"), plant.metric_setting("spread")

@@ -3,13 +3,13 @@
 A covariance for white noise is too small for a residual that is coloured, and says nothing of a
 simulator that is wrong.  So the covariance is a sandwich with the residual's own spectrum, and the
 fit is repeated, by one Gauss-Newton step, on parts of the recording: its halves in time, its low
-and high outputs, without what a constant and a trend explain, and with the weight on quick changes.
+and high outputs, and without what a constant and a trend explain.
 Where a simulator is right, all of them find the same plant but for noise (Hausman, "Specification
 tests in econometrics", 1978); where it is not, the difference that they make to a metric shows how
 much its error may matter.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,9 +35,9 @@ class Discrepancy:
     covariance : NDArray
         (B, q, q) for the residual's own spectrum.
     shifts : NDArray
-        (B, m, q) by which m parts of a recording ask for other parameters.
+        (B, m, q) by which parts of a recording ask for other parameters, in m divisions.
     chance : NDArray
-        (B, m, q, q) covariances of `shifts` in white noise.
+        (B, m, q, q) covariances of `shifts` that are chance.
     """
 
     covariance: Array
@@ -46,7 +46,14 @@ class Discrepancy:
 
     @classmethod
     def of(
-        cls, error: Array, slopes: Array, simulated: Array, noise: Array, white: Array
+        cls,
+        error: Array,
+        slopes: Array,
+        simulated: Array,
+        noise: Array,
+        inverse: Array,
+        white: Array,
+        oversampled: float = 1.0,
     ) -> "Discrepancy":
         """Of fits' output errors (B, N), slopes (B, q, N) and simulated outputs (B, N).
 
@@ -54,19 +61,28 @@ class Discrepancy:
         ----------
         noise : (B,) float64
             Power of the noise, more than its mean square where samples were interpolated.
-        white : (B, q, q) float64
-            Covariances for white noise of this power.
+        inverse, white : (B, q, q) float64
+            Inverse normal matrices, and covariances for white noise of this power.
+        oversampled : float
+            Samples for each independent one.
         """
-        inverse = white / noise[:, None, None]
+        quiet = np.minimum(_unpatterned(error, oversampled), noise)[:, None, None]
         ridge = noise[:, None, None] / UNIFORM * np.eye(slopes.shape[1])
-        shifts, chance = [], []
-        for part in _parts(simulated):
+
+        def fitted(part: Callable[[Array], Array]) -> tuple[Array, Array]:
             seen = part(slopes)
             own = _solved(slopes @ seen.swapaxes(1, 2) + ridge)
-            step = (own @ (seen @ error[..., None]))[..., 0]
-            spread = noise[:, None, None] * own @ (seen @ seen.swapaxes(1, 2)) @ own
-            shifts.append(np.clip(step, -_FARTHEST, _FARTHEST))
-            chance.append(spread - white)
+            step = np.clip((own @ (seen @ error[..., None]))[..., 0], -_FARTHEST, _FARTHEST)
+            return step, quiet * own @ (seen @ seen.swapaxes(1, 2)) @ own
+
+        shifts, chance = [], []
+        for mask in _divisions(simulated):
+            (one, by_one), (other, by_other) = fitted(_of(mask)), fitted(_of(~mask))
+            shifts.append((one - other) / 2)  # how far either is from the whole
+            chance.append((by_one + by_other) / 4)
+        straight, by_straight = fitted(_without_line)
+        shifts.append(straight)
+        chance.append(by_straight - quiet * inverse)
         more = inverse @ _coloured(error, slopes, noise) @ inverse
         return cls(white + more, np.stack(shifts, axis=1), np.stack(chance, axis=1))
 
@@ -82,15 +98,22 @@ class Discrepancy:
         return np.asarray(np.maximum(beyond, 0.0).max(axis=1))
 
 
-def _parts(simulated: Array) -> Iterator[Callable[[Array], Array]]:
-    """Symmetric weightings of signals (B, m, N): parts of recordings."""
-    N = simulated.shape[1]
-    late = (np.arange(N) >= N // 2)[None, None]
-    high = (simulated > np.median(simulated, axis=1, keepdims=True))[:, None]
-    for mask in (late, ~late, high, ~high):
-        yield lambda signals, mask=mask: signals * mask  # type: ignore[misc]
-    yield _without_line
-    yield _quick
+def _divisions(simulated: Array) -> tuple[NDArray[np.bool_], ...]:
+    """Late and high samples of outputs (B, N), each half of a recording; (1 or B, 1, N)."""
+    late = np.arange(simulated.shape[1]) >= simulated.shape[1] // 2
+    high = simulated > np.median(simulated, axis=1, keepdims=True)
+    return late[None, None], high[:, None]
+
+
+def _of(mask: NDArray[np.bool_]) -> Callable[[Array], Array]:
+    return lambda signals: signals * mask
+
+
+def _unpatterned(error: Array, oversampled: float) -> Array:
+    """Power (B,) of the part of residuals (B, N) that changes between independent samples."""
+    apart = int(np.ceil(oversampled))
+    changes = error[:, apart:] - error[:, :-apart]
+    return np.asarray((changes**2).mean(axis=1) / 2 * oversampled)
 
 
 def _without_line(signals: Array) -> Array:
@@ -100,16 +123,9 @@ def _without_line(signals: Array) -> Array:
     return np.asarray(signals - (signals @ Z) @ Z.T)
 
 
-def _quick(signals: Array) -> Array:
-    """Signals (B, m, N) by whose products their first differences are compared."""
-    changes = np.diff(signals, axis=2)
-    ends = np.zeros((*signals.shape[:2], 1))
-    return -np.diff(np.concatenate([ends, changes, ends], axis=2), axis=2)
-
-
 def _solved(matrix: Array) -> Array:
     """Inverse of B symmetric matrices (B, q, q); none where there is none."""
-    regular = np.isfinite(matrix).all(axis=(1, 2))[:, None, None]
+    regular = np.asarray(np.isfinite(matrix).all(axis=(1, 2)))[:, None, None]
     return np.asarray(np.linalg.pinv(np.where(regular, matrix, 0.0), rcond=1e-14, hermitian=True))
 
 

@@ -92,11 +92,13 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     noise = noise_level(error, model.Ts, plant.crossover)
     if plant.crossover is None:  # interpolation reduces the noise of most frequencies
         noise = noise * model.oversampled
-    _, covariance = drawn_to_prior(slopes, noise)
+    inverse, covariance = drawn_to_prior(slopes, noise)
     converged = np.where(model.unknown, settled, found.converged)
     simulated, discrepancy = measured - error, None
     if plant.loop_target is None:
-        discrepancy = Discrepancy.of(error, slopes, simulated, noise, covariance)
+        discrepancy = Discrepancy.of(
+            error, slopes, simulated, noise, inverse, covariance, model.oversampled
+        )
     return Fit(theta, converged, simulated, error, noise, covariance, discrepancy)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.trust.checks import Limits
 from tuners.trust.fit import Fit
 from tuners.trust.identification import UNIFORM
 from tuners.tuner.recording import STEADY, Recording
@@ -43,6 +44,16 @@ def notes(
     return (*found, *left, *_quantised(given.y[0], fitted.residual[i], *output))
 
 
+def unfollowed(left_over: float) -> tuple[str, ...]:
+    """A note where the reference model leaves a share of right outputs over."""
+    if not left_over > Limits().misfit:
+        return ()
+    return (
+        "The reference model cannot follow this plant, so a misfit cannot be checked: only the "
+        "residual and parts of the recording can contradict the fitted plant.",
+    )
+
+
 def _left_open(plant: Plant, covariance: Array) -> tuple[str, ...]:
     """A note on parameters that a fit of covariance (q, q), in widths, hardly determines."""
     wide = np.diag(covariance) > _OPEN**2 * UNIFORM
@@ -52,8 +63,17 @@ def _left_open(plant: Plant, covariance: Array) -> tuple[str, ...]:
     return (f"The recording does not tell {', '.join(names)}: most of the prior remains possible.",)
 
 
+def stretched(plant: Plant, given: Recording) -> bool:
+    """Whether the input is the experiment's sample by sample, at another sampling time."""
+    same = plant.excite is None and len(given.u) == 1 and _is_experiment(plant, given.u[0])
+    return same and not np.isclose(given.Ts, plant.Ts, rtol=ROUNDED)
+
+
 def _same_input(plant: Plant, given: Recording) -> bool:
-    u = given.resampled(plant.Ts).u[0]
+    return _is_experiment(plant, given.resampled(plant.Ts).u[0])
+
+
+def _is_experiment(plant: Plant, u: Array) -> bool:
     rounding = ROUNDED * np.abs(plant.u).max()
     return u.shape == plant.u.shape and bool((np.abs(u - plant.u) <= rounding).all())
 
