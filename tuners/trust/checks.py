@@ -92,7 +92,7 @@ class Limits:
 
 
 _NOISIEST = 0.6  # residual over output beyond which gains are refused
-_CONTRADICTED = 0.1  # of the output: a misfit that small errors of the simulator do not explain
+_CONTRADICTED = 0.06  # of the output: a misfit that small errors of the simulator do not explain
 _PATTERN = 10.0  # times the declared noise: more than small errors of a simulator leave over
 _BENT = 0.1  # share of the slope beyond which gains are refused: a tenth of the crossover
 _CHANGED = 4.0  # standard deviations of a difference between halves, or of a bend, that count
