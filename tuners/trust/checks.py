@@ -66,7 +66,8 @@ class Limits:
     louder : float
         Residual over the noise that the plant declares, root mean squares.
     pattern : float
-        The same where the residual is coloured: more than noise.
+        Residual over simulated output, root mean squares, where it is coloured and larger than
+        the noise that the plant declares.
     limited : float
         Whether the target is out of the controller's reach, as 1 or 0.
     undesigned : float
@@ -85,7 +86,7 @@ class Limits:
     halves: float = 1.0
     parts: float = 1 / 3
     louder: float = 2.0
-    pattern: float = 1.5
+    pattern: float = 0.01
     limited: float = 0.0
     undesigned: float = 0.0
     unsolved: float = 0.0
@@ -93,7 +94,7 @@ class Limits:
 
 _NOISIEST = 0.6  # residual over output beyond which gains are refused
 _CONTRADICTED = 0.06  # of the output: a misfit that small errors of the simulator do not explain
-_PATTERN = 10.0  # times the declared noise: more than small errors of a simulator leave over
+_PATTERN = 0.08  # of the output: a pattern that the intervals of a nonlinear plant may not cover
 _BENT = 0.1  # share of the slope beyond which gains are refused: a tenth of the crossover
 _CHANGED = 4.0  # standard deviations of a difference between halves, or of a bend, that count
 _INFORMATION = (

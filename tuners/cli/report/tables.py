@@ -30,7 +30,7 @@ CHECKS = {
     "colour": "Residual's power at the crossover, over white noise",
     "parts": "Spread between parts of the recording, over the widest",
     "louder": "Residual over the noise that the plant declares",
-    "pattern": "Residual with a pattern, over the noise that the plant declares",
+    "pattern": "Residual with a pattern, over simulated output",
     "undesigned": "No gains for the fitted plant",
     "stretched": "The experiment's samples at another sampling time",
     "unsolved": "Design or numerics failed",
