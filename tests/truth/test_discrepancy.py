@@ -178,3 +178,15 @@ def test_the_experiments_samples_at_another_sampling_time(Ts):
     # The same experiment, sampled more quickly, is no other.
     held = np.repeat(U, 2)
     assert not [c for c in gray.tune(held, np.repeat(y, 2), TS / 2).checks if c.name == "stretched"]
+
+
+def test_recordings_may_be_shorter_than_the_experiment():
+    plant = described(linear=True, black_box=(24, 3.0))
+    gray = tuners.load("gb", plant)
+    order, N = gray.black_box.order, 200
+    y = plant.respond(plant.middle)[0] + SIGMA * np.random.default_rng(5).standard_normal(len(U))
+    found = gray.tune(U[:N], y[:N])
+    assert 10 * order > N
+    assert found.verdict == Verdict.USABLE
+    with pytest.raises(ValueError, match="99 samples are too few"):
+        gray.tune(U[:99], y[:99])

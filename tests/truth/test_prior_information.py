@@ -65,6 +65,8 @@ def overflow():
 @pytest.mark.parametrize("theta", [(1.2, 90.0, 0.1), (0.8, 90.0, 0.1)])
 def test_a_parameter_that_shows_in_some_plants_only(overflow, theta):
     plant = overflow.plant
+    assert set(overflow.training["left_open"]) == {"spill"}
+    assert 0.1 < overflow.training["left_open"]["spill"] < 0.9
     assert (np.array(overflow.calibration) < 3 * GAUSSIAN).all()
     clean = plant.respond(np.array([theta]))[0]
     noise = 0.05 * np.random.default_rng(2).standard_normal(len(INPUT))

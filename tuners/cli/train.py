@@ -93,4 +93,7 @@ def accuracy(tuner: "Tuner", seed: int) -> str:
     ]
     unstable, trusted = found.unstable(TUNER), found.trusted.mean()
     said = f"{', '.join(errors)}; {unstable} of {VALIDATION} loops unstable; {trusted:.0%} trusted"
+    if hidden := tuner.training.get("left_open"):
+        shares = (f"{name} in {share:.0%}" for name, share in hidden.items())
+        said += f"; recordings do not tell {', '.join(shares)} of plants"
     return said if trusted > USUAL else f"{said}, more would be with larger scales of the metrics"

@@ -11,7 +11,7 @@ first cost information, so F tests decide how many of them a recording needs: no
 constant at an operating point, the trend where a sensor drifts, all of them in motion.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -191,7 +191,11 @@ def black_box(
         data cannot decide: nothing is subtracted, but the reference model has the constant.
     """
     validation.one_of("start", start, STARTS)
-    n, N, Ts = functions.order, y.shape[1], plant.Ts
+    N, Ts = y.shape[1], plant.Ts
+    if plant.loop_target is None:  # its recordings may be shorter than the experiment
+        fewer = min(functions.order, max(N // _SAMPLES, min(ORDERS)))
+        functions = replace(functions, order=fewer)
+    n = functions.order
     if N < _SAMPLES * n:
         raise ValueError(
             f"{N} samples are too few, at least {_SAMPLES * n} are needed. Record for longer."

@@ -14,6 +14,7 @@ from tuners.trust.black_box import BlackBox
 from tuners.trust.discrepancy import Discrepancy
 from tuners.trust.identification import (
     LARGEST_STEP,
+    UNIFORM,
     Identified,
     drawn_to_prior,
     identify,
@@ -27,6 +28,7 @@ Array = NDArray[np.float64]
 
 _POLISHING = 12  # steps at most
 _SETTLED = 1e-4  # of a range: the last step is no longer
+_OPEN = 0.5  # of the prior's standard deviation: a parameter that a recording leaves open
 _BAND = (1 / 7.5, 1 / 0.3)  # of the crossover: where noise matters to the metrics
 _COLOURED = 1.7  # noise stronger by this in the band: more than chance for white noise
 
@@ -100,6 +102,11 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
             error, slopes, simulated, noise, inverse, covariance, model.oversampled
         )
     return Fit(theta, converged, simulated, error, noise, covariance, discrepancy)
+
+
+def left_open(found: Fit) -> NDArray[np.bool_]:
+    """Which unknown parameters (B, q) recordings hardly tell: most of the prior remains."""
+    return np.asarray(np.einsum("bii->bi", found.covariance) > _OPEN**2 * UNIFORM)
 
 
 def search(plant: Plant, u: Array, y: Array, start: Array) -> Identified:

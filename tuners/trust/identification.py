@@ -46,8 +46,9 @@ class Identified:
     cost : NDArray
         (B,) sum of squared output errors.
     converged : NDArray
-        (B,) whether the last step promised nothing more, and no limit outside the prior
-        stopped the search; a parameter that does not show in the output stays where it was.
+        (B,) whether the last step promised nothing more, the outputs depend on some unknown
+        parameter, and no limit outside the prior stopped the search.  Parameters that the
+        outputs do not depend on stay where they were.
     steps : NDArray
         (B,) evaluations of the slopes.
     """
@@ -139,7 +140,8 @@ def identify(
         step[active] = _until_limit(z[active], slopes.shortened(full), low, high) - z[active]
         done = promised <= _TOLERANCE * cost[active] + rounding[active]
         done &= gained <= _GAINED * cost[active] + rounding[active]
-        converged[active[done]] = True
+        ended = active[done]
+        converged[ended] = (np.einsum("bii->bi", gram[ended])[:, 1:] > 0).any(axis=1) | (q == 0)
         active = active[~done & (damping[active] < _DAMPING) & np.isfinite(cost[active])]
         if not len(active):
             break

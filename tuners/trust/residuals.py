@@ -17,9 +17,9 @@ _DEVIATIONS = 4.0  # of the correlation of white noise
 def against_declared(plant: Plant, model: BlackBox, found: Fit) -> tuple[Array, Array]:
     """Residuals over the declared noise, and over the output where noise explains them not, (B,).
 
-    The latter is 0 unless a residual is coloured and larger than declared.  Where the plant's noise
-    depends on its output, both are 0: it is then a share of the output, not a number that the sensor
-    is known to have.  Samples that were interpolated are left out.
+    The latter is 0 unless a residual is coloured and larger than declared.  Where the plant's
+    noise depends on its output, both are 0: it is then a share of the output, not a number that
+    the sensor is known to have.  Samples that were interpolated are left out.
     """
     residual = found.residual[:, :: int(np.ceil(model.oversampled))]
     count = len(residual)

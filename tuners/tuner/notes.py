@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.trust.checks import Limits
-from tuners.trust.fit import Fit
-from tuners.trust.identification import UNIFORM
+from tuners.trust.fit import Fit, left_open
 from tuners.tuner.recording import STEADY, Recording
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -16,7 +15,6 @@ ROUNDED = 1e-3
 """Of the largest input, or of a sampling time: differences by rounding in logs."""
 
 _FEW = 10  # samples for each distinct value, or more
-_OPEN = 0.5  # of the prior's standard deviation: a parameter that a recording leaves open
 
 
 def notes(
@@ -40,7 +38,7 @@ def notes(
         label = " or ".join(split(plant.label(name))[0] for name in plant.measured)
         found.append(f"The {label} varies by {given.variation:.0%}; its mean counts.")
     output = split(plant.signals[1])
-    left = _left_open(plant, fitted.covariance[i])
+    left = _left_open(plant, left_open(fitted)[i])
     return (*found, *left, *_quantised(given.y[0], fitted.residual[i], *output))
 
 
@@ -54,10 +52,9 @@ def unfollowed(left_over: float) -> tuple[str, ...]:
     )
 
 
-def _left_open(plant: Plant, covariance: Array) -> tuple[str, ...]:
-    """A note on parameters that a fit of covariance (q, q), in widths, hardly determines."""
-    wide = np.diag(covariance) > _OPEN**2 * UNIFORM
-    names = [split(plant.label(list(plant.prior)[i]))[0] for i in plant.unknown[wide]]
+def _left_open(plant: Plant, hidden: NDArray[np.bool_]) -> tuple[str, ...]:
+    """A note on the unknown parameters (q,) that a recording leaves open."""
+    names = [split(plant.label(list(plant.prior)[i]))[0] for i in plant.unknown[hidden]]
     if not names:
         return ()
     return (f"The recording does not tell {', '.join(names)}: most of the prior remains possible.",)

@@ -14,6 +14,7 @@ from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.trend import TrendSettings
 from tuners.trust.black_box import functions_for, suited, suited_to_any_input
 from tuners.trust.checks import Assessment
+from tuners.trust.fit import left_open
 from tuners.trust.intervals import conformal
 from tuners.tuner.examples import Examples, examples
 from tuners.tuner.recording import Recording
@@ -161,13 +162,15 @@ def calibrate(tuner: Tuner, episodes: int, seed: int = 0, progress: Progress | N
     """Set the tuner's `calibration` from episodes of the ``calibration`` set.
 
     Plants that no gains suit ask for no interval and are left out; an unstable loop is outside
-    any interval.
+    any interval.  Parameters that show in some plants only are recorded in the training's
+    ``left_open``, with the share of recordings that leave them open.
     """
     check_calibration(episodes)
-    plant, parts, done = tuner.plant, [], 0
+    plant, parts, done, left = tuner.plant, [], 0, []
     for block, found, actual in assessed(tuner, "calibration", episodes, seed):
         _, asked = plant.designs(block.theta)
         parts.append(np.stack([found.metrics, found.spread, actual])[:, asked])
+        left.append(left_open(found.fit))
         done += len(block)
         if progress is not None:
             progress("calibrating", done, episodes)
@@ -182,6 +185,11 @@ def calibrate(tuner: Tuner, episodes: int, seed: int = 0, progress: Progress | N
         )
     tuner.calibration = tuple(factors.tolist())
     tuner.training["calibration"] = {"episodes": episodes, "seed": seed}
+    shares = np.concatenate(left).mean(axis=0)
+    names = np.array(list(plant.prior))[plant.unknown]
+    if shares.any():
+        hidden = {str(n): float(share) for n, share in zip(names, shares, strict=True) if share}
+        tuner.training["left_open"] = hidden
 
 
 def assessed(
