@@ -100,6 +100,10 @@ _CHANGED = 4.0  # standard deviations of a difference between halves, or of a be
 _INFORMATION = (
     "The recording holds too little information: excite more strongly, more quickly, or for longer."
 )
+_UNCERTAIN = (
+    "Noise or a disturbance leaves the metrics uncertain: excite more strongly, more quickly, or for "
+    "longer, or record while less disturbs the output."
+)
 _MISSED = "As far as the recording tells, these gains miss what the design rule reaches."
 _CONTRAST = "The recording's own response asks for other gains than the fitted plant."
 
@@ -267,8 +271,9 @@ def assess(
             solved = (solved & ~judged.limited) | (~designed & fitted.converged)
         else:
             known = spread
+        why = _UNCERTAIN if response is None else _INFORMATION
         findings |= {
-            **checks.of_metrics("spread", known, widths, np.maximum(widest, widths), _INFORMATION),
+            **checks.of_metrics("spread", known, widths, np.maximum(widest, widths), why),
             **checks.of_recordings(model, fitted, response),
         }
         if response is not None:
