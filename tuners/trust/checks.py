@@ -101,8 +101,8 @@ _INFORMATION = (
     "The recording holds too little information: excite more strongly, more quickly, or for longer."
 )
 _UNCERTAIN = (
-    "Noise or a disturbance leaves the metrics uncertain: excite more strongly, more quickly, or for "
-    "longer, or record while less disturbs the output."
+    "Noise or a disturbance leaves the metrics uncertain: excite more strongly, more quickly, or "
+    "for longer, or record while less disturbs the output."
 )
 _MISSED = "As far as the recording tells, these gains miss what the design rule reaches."
 _CONTRAST = "The recording's own response asks for other gains than the fitted plant."
