@@ -179,8 +179,8 @@ def calibrate(tuner: Tuner, episodes: int, seed: int = 0, progress: Progress | N
     if not np.isfinite(factors).all():
         lost = np.isnan(predicted + spread + actual).any(axis=1).sum()
         raise ValueError(
-            f"{lost} of {len(actual)} loops that calibrate the intervals are unstable or have no gains "
-            "or no prediction, at most a tenth may be, of ten or more. Train on more plants, or "
+            f"{lost} of {len(actual)} loops that calibrate the intervals are unstable or have no "
+            "gains or no prediction, at most a tenth may be, of ten or more. Train on more plants, or "
             "narrow the prior."
         )
     tuner.calibration = tuple(factors.tolist())
