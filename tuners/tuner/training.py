@@ -180,8 +180,8 @@ def calibrate(tuner: Tuner, episodes: int, seed: int = 0, progress: Progress | N
         lost = np.isnan(predicted + spread + actual).any(axis=1).sum()
         raise ValueError(
             f"{lost} of {len(actual)} loops that calibrate the intervals are unstable or have no "
-            "gains or no prediction, at most a tenth may be, of ten or more. Train on more plants, or "
-            "narrow the prior."
+            "gains or no prediction, at most a tenth may be, of ten or more. Train on more "
+            "plants, or narrow the prior."
         )
     tuner.calibration = tuple(factors.tolist())
     tuner.training["calibration"] = {"episodes": episodes, "seed": seed}
