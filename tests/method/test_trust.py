@@ -10,10 +10,10 @@ from first_order import described, design
 
 from studies import faults
 from tuners.trust.black_box import black_box, functions_for
-from tuners.trust.checks import MESSAGES
 from tuners.trust.fallback import fallback
 from tuners.trust.fit import fit, noise_level
 from tuners.trust.intervals import GAUSSIAN, conformal
+from tuners.trust.limits import MESSAGES
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import GrayBox, Nominal, Oracle
 from tuners.tuner.training import calibrate
@@ -54,25 +54,26 @@ def test_noise_that_counts_is_noise_around_the_crossover():
     assert 6 < (noise_level(held, 0.001, 1.5) / (held**2).mean(axis=1)).mean() < 14
 
 
+OF_RESPONSES = {"bend", "halves", "limited"}
+ALONE = {"parts", "louder", "pattern", "undesigned"}
+
+
 def test_what_is_predicted_is_what_happens(tuner, plant, episodes):
     gains, found = tuner.assess(episodes)
     actual = plant.metric_values(episodes.known, gains.values)
     assert (np.abs(found.metrics - actual) < 4.5 * found.spread + 1e-9).all()
     assert found.trusted.mean() > 0.9
-    own = {"bend", "halves", "limited"}  # of a black box that has the plant's metrics
-    assert set(MESSAGES) - own - {"response", "colour"} <= set(found.findings)
-    for name in own:
-        assert (name in found.findings) == (plant.loop_target is not None)
-    assert ("response" in found.findings) == (plant.linear and plant.loop_target is None)
+    judges = plant.loop_target is not None  # the recording's own response, or the fitted plant
+    others = ALONE if judges else OF_RESPONSES
+    assert set(MESSAGES) - {"response", "colour"} - others <= set(found.findings)
+    assert not others & set(found.findings)
+    assert ("response" in found.findings) == (plant.linear and not judges)
     for name, text in plant.messages.items():
         assert name not in found.findings or found.findings[name].message == text
 
 
 RNG = np.random.default_rng(0)
 NOISE = RNG.standard_normal(3000)
-CARE = ("offset jumps", "late")
-"""A constant and a trend explain most of the first; the second may be another plant's."""
-
 FOREIGN = {
     "reversed": lambda u, y: (u, -y),
     "in other units": lambda u, y: (u, np.degrees(y)),
@@ -91,14 +92,18 @@ FOREIGN = {
 
 
 def test_foreign_recordings_are_not_trusted(tuner, plant, episodes):
-    given, names = one(plant, episodes, 0), [*FOREIGN, "good"]
+    given = one(plant, episodes, 0)
     pairs = [change(given["u"], given["y"]) for change in FOREIGN.values()]
     u, y = (np.array([*signals, last]) for signals, last in zip(
         zip(*pairs, strict=True), (given["u"], given["y"]), strict=True))  # fmt: skip
     known = np.repeat(episodes.known[:1], len(y), axis=0)
-    found = tuner.assess(Recording(u, y, plant.Ts, known))[1]
-    usable = found.trusted & (found.verdicts < np.where(np.isin(names, CARE), 1, 2))
-    assert dict(zip(names, usable.tolist(), strict=True)) == {
+    gains, found = tuner.assess(Recording(u, y, plant.Ts, known))
+    error = np.abs(plant.errors(known, gains.values)) / plant.metric_setting("error")
+    harmless = (found.verdicts == 1) & (error <= 1).all(axis=1)  # with care, and right
+    names = np.array([*FOREIGN, "good"])
+    harmless |= (found.verdicts == 1) & (names == "late") & (plant.loop_target is not None)  # asked
+    trusted = found.trusted & ~harmless
+    assert dict(zip([*FOREIGN, "good"], trusted.tolist(), strict=True)) == {
         **dict.fromkeys(FOREIGN, False), "good": True,
     }  # fmt: skip
 

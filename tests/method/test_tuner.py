@@ -73,7 +73,8 @@ def test_a_result_says_what_was_found(tuner, plant, episodes):
     for name, interval in result.intervals.items():
         assert getattr(result, split(name)[0]) is interval
     assert result.status is Status.OK and result.converged is True and result.trusted
-    assert result.reasons == () and result.notes == () and all(c.passed for c in result.checks)
+    assert result.reasons == () and all(c.passed for c in result.checks)
+    assert len(result.notes) == (not plant.linear)  # that a reference model cannot follow it
     assert list(result.gains) == list(plant.gains) and list(result.intervals) == list(plant.counted)
     assert result.kp == result.gains["kp"]
     actual = plant.metric_values(theta[None], np.array([list(result.gains.values())]))[0]
@@ -264,7 +265,7 @@ def test_another_speed_takes_care_and_a_varying_one_is_noted(v_x, noted, trusted
     result = trained("vehicle").tune(
         **one(plant, recordings("vehicle"), 0) | {"measured": {"v_x": v_x}}
     )
-    assert [("speed" in note) for note in result.notes] == [True] * noted
+    assert sum("speed" in note for note in result.notes) == noted
     (speed,) = (check for check in result.checks if check.name == "speed")
     assert speed.passed == trusted and (result.verdict is Verdict.USABLE) == trusted
     assert trusted or result.rung is Rung.BLACK_BOX

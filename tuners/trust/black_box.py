@@ -11,7 +11,7 @@ first cost information, so F tests decide how many of them a recording needs: no
 constant at an operating point, the trend where a sensor drifts, all of them in motion.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -128,6 +128,17 @@ def _hidden(plant: Plant, functions: Laguerre) -> bool:
     return bool((rest - moving <= _HIDDEN * plant.sigma(y) ** 2).all())
 
 
+def left_over(plant: Plant, functions: Laguerre) -> float:
+    """Share of the prior's noise-free outputs that black boxes do not explain, root mean squares.
+
+    Where a plant is so nonlinear, a misfit smaller than this cannot be seen.
+    """
+    y = plant.respond(sample(plant, _PLANTS))
+    start = "rest" if plant.linear else "auto"
+    left = black_box(plant, functions, plant.u[None], y, start).residual
+    return float(np.sqrt(left / (y.var(axis=1) * y.shape[1])).mean())
+
+
 def suited(plant: Plant, order: int) -> Laguerre:
     """Laguerre basis with the pole that explains the prior's noise-free outputs best."""
     y = plant.respond(sample(plant, _PLANTS))
@@ -186,7 +197,11 @@ def black_box(
         data cannot decide: nothing is subtracted, but the reference model has the constant.
     """
     validation.one_of("start", start, STARTS)
-    n, N, Ts = functions.order, y.shape[1], plant.Ts
+    N, Ts = y.shape[1], plant.Ts
+    if plant.loop_target is None:  # its recordings may be shorter than the experiment
+        fewer = min(functions.order, max(N // SAMPLES, min(ORDERS)))
+        functions = replace(functions, order=fewer)
+    n = functions.order
     if N < SAMPLES * n:
         raise ValueError(
             f"{N} samples are too few, at least {SAMPLES * n} are needed. Record for longer."

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.trust.black_box import BlackBox
+from tuners.trust.discrepancy import Discrepancy
 from tuners.trust.identification import (
     LARGEST_STEP,
+    UNIFORM,
     Identified,
+    drawn_to_prior,
     identify,
     identify_from_several,
-    inverse_of,
     moved,
     output_slopes,
 )
@@ -26,6 +28,7 @@ Array = NDArray[np.float64]
 
 _POLISHING = 12  # steps at most
 _SETTLED = 1e-4  # of a range: the last step is no longer
+_OPEN = 0.5  # of the prior's standard deviation: a parameter that a recording leaves open
 _BAND = (1 / 7.5, 1 / 0.3)  # of the crossover: where noise matters to the metrics
 _COLOURED = 1.7  # noise stronger by this in the band: more than chance for white noise
 
@@ -48,8 +51,10 @@ class Fit:
         (B,) mean square of the residual, or more where it is stronger around the
         crossover than elsewhere.
     covariance : NDArray
-        (B, q, q) of the unknown parameters in widths of their ranges; ``inf`` where the
+        (B, q, q) of the unknown parameters in widths of their ranges; the prior's where the
         data do not determine them.
+    discrepancy : Discrepancy, optional
+        How far off the plants may be, where no response of the black box judges.
     """
 
     theta: Array
@@ -58,6 +63,7 @@ class Fit:
     residual: Array
     noise: Array
     covariance: Array
+    discrepancy: Discrepancy | None
 
 
 def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
@@ -79,8 +85,8 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
         if settled.all():
             break
         error, slopes = _signals(plant, theta, model)
-        with np.errstate(invalid="ignore"):
-            step = (inverse_of(slopes) @ (slopes @ error[..., None]))[..., 0]
+        inverse, _ = drawn_to_prior(slopes, (error**2).mean(axis=1))
+        step = (inverse @ (slopes @ error[..., None]))[..., 0]
         step = np.where(model.unknown[:, None] & np.isfinite(step), step, 0.0)
         theta = moved(plant, theta, np.clip(step, -LARGEST_STEP, LARGEST_STEP), *limits)
         settled = np.abs(step).max(axis=1, initial=0.0) <= _SETTLED
@@ -88,10 +94,19 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     noise = noise_level(error, model.Ts, plant.crossover)
     if plant.crossover is None:  # interpolation reduces the noise of most frequencies
         noise = noise * model.oversampled
-    with np.errstate(invalid="ignore"):  # no noise and no information: no answer
-        covariance = noise[:, None, None] * inverse_of(slopes)
+    inverse, covariance = drawn_to_prior(slopes, noise)
     converged = np.where(model.unknown, settled, found.converged)
-    return Fit(theta, converged, measured - error, error, noise, covariance)
+    simulated, discrepancy = measured - error, None
+    if plant.loop_target is None:
+        discrepancy = Discrepancy.of(
+            error, slopes, simulated, noise, inverse, covariance, model.oversampled
+        )
+    return Fit(theta, converged, simulated, error, noise, covariance, discrepancy)
+
+
+def left_open(found: Fit) -> NDArray[np.bool_]:
+    """Which unknown parameters (B, q) recordings hardly tell: most of the prior remains."""
+    return np.asarray(np.einsum("bii->bi", found.covariance) > _OPEN**2 * UNIFORM)
 
 
 def search(plant: Plant, u: Array, y: Array, start: Array) -> Identified:

@@ -29,6 +29,10 @@ _GAINED = 1e-4  # of the cost: a last step that gained more is not the last
 _ROUNDING = 1e-24  # of the output's energy: without noise the cost ends here
 _ROOM = 1e-9  # of a range: nearer to a limit is on it
 _DAMPING = 1e8  # beyond it no step helps
+_UNSEEN = 1e-13  # of the largest information: rounding
+
+UNIFORM = 1 / 12
+"""Variance of a uniform distribution of width one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,8 +46,9 @@ class Identified:
     cost : NDArray
         (B,) sum of squared output errors.
     converged : NDArray
-        (B,) whether the last step promised nothing more, the outputs depend on all unknown
-        parameters, and no limit outside the prior stopped the search.
+        (B,) whether the last step promised nothing more, the outputs depend on some unknown
+        parameter, and no limit outside the prior stopped the search.  Parameters that the
+        outputs do not depend on stay where they were.
     steps : NDArray
         (B,) evaluations of the slopes.
     """
@@ -136,7 +141,7 @@ def identify(
         done = promised <= _TOLERANCE * cost[active] + rounding[active]
         done &= gained <= _GAINED * cost[active] + rounding[active]
         ended = active[done]
-        converged[ended] = (np.einsum("bii->bi", gram[ended])[:, 1:] > 0).all(axis=1)
+        converged[ended] = (np.einsum("bii->bi", gram[ended])[:, 1:] > 0).any(axis=1) | (q == 0)
         active = active[~done & (damping[active] < _DAMPING) & np.isfinite(cost[active])]
         if not len(active):
             break
@@ -187,6 +192,41 @@ def _until_limit(at: Array, change: Array, low: Array, high: Array) -> Array:
     room = np.where(change == 0, 1.0, np.maximum(room, 0.0))
     fraction = room.min(axis=1, keepdims=True, initial=1.0)
     return np.asarray(np.clip(at + fraction * change, low, high))
+
+
+def drawn_to_prior(slopes: Array, noise: Array) -> tuple[Array, Array]:
+    """Inverse normal matrices, and covariances, of parameters drawn to the prior.
+
+    A uniform range has a variance of 1/12 of its width squared, whose inverse is added to the
+    Fisher information: what a recording does not show stays as uncertain as the prior leaves it.
+
+    Parameters
+    ----------
+    slopes : (B, q, N) float64
+        Of outputs, in the parameters' widths.
+    noise : (B,) float64
+        Mean squares.
+
+    Returns
+    -------
+    inverse : (B, q, q) float64
+        By which inner products of slopes and output errors become steps; none without information.
+    covariance : (B, q, q) float64
+        In widths; ``inf`` on the diagonal where a slope is not finite.
+    """
+    gram = slopes @ slopes.swapaxes(1, 2)
+    regular = np.isfinite(gram).all(axis=(1, 2)) & np.isfinite(noise)
+    values, vectors = np.linalg.eigh(np.where(regular[:, None, None], gram, 0.0))
+    shown = values > _UNSEEN * values.max(axis=1, keepdims=True, initial=0.0)
+    variance = noise[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = np.where(shown, 1 / (values + variance / UNIFORM), 0.0)
+    left = np.where(shown, variance * inverse, UNIFORM)
+    turned = vectors.swapaxes(1, 2)
+    covariance = (vectors * left[:, None]) @ turned
+    infinite = np.where(np.eye(gram.shape[1]) > 0, np.inf, 0.0)
+    covariance = np.where(regular[:, None, None], covariance, infinite)
+    return (vectors * inverse[:, None]) @ turned, covariance
 
 
 def inverse_of(slopes: Array) -> Array:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tuners.trust.checks import Limits
 from tuners.trust.forecast import Forecast
+from tuners.trust.limits import Limits
 from yawrate_env.plant.names import split
 
 MOST = 0.9

@@ -153,7 +153,7 @@ class Response:
         with np.errstate(invalid="ignore"):
             difference = (J @ self.halves[..., None])[..., 0]
             covariance = 4 * J @ self.covariance @ J.swapaxes(1, 2)
-            regular = np.isfinite(covariance).all(axis=(1, 2))[:, None, None]
+            regular = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))[:, None, None]
             covariance = np.where(regular, covariance, np.eye(2))
             scaled = np.linalg.solve(covariance, difference[..., None])[..., 0]
             return np.abs(difference) / 2, np.sqrt((difference * scaled).sum(axis=1))

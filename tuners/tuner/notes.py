@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.trust.fit import Fit, left_open
+from tuners.trust.limits import Limits
 from tuners.tuner.recording import STEADY, Recording
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -15,11 +17,15 @@ ROUNDED = 1e-3
 _FEW = 10  # samples for each distinct value, or more
 
 
-def notes(plant: Plant, given: Recording, residual: Array, any_experiment: bool) -> tuple[str, ...]:
-    """Notes on one recording, and the residual (N,) of the plant fitted to it.
+def notes(
+    plant: Plant, given: Recording, fitted: Fit, i: int, any_experiment: bool
+) -> tuple[str, ...]:
+    """Notes on one recording.
 
     Parameters
     ----------
+    fitted : Fit
+        Plants fitted to recordings, of which this one has index `i`.
     any_experiment : bool
         Whether another input and sampling time than the plant's make no difference.
     """
@@ -32,11 +38,39 @@ def notes(plant: Plant, given: Recording, residual: Array, any_experiment: bool)
         label = " or ".join(split(plant.label(name))[0] for name in plant.measured)
         found.append(f"The {label} varies by {given.variation:.0%}; its mean counts.")
     output = split(plant.signals[1])
-    return (*found, *_quantised(given.y[0], residual, *output))
+    left = _left_open(plant, left_open(fitted)[i])
+    return (*found, *left, *_quantised(given.y[0], fitted.residual[i], *output))
+
+
+def unfollowed(left_over: float) -> tuple[str, ...]:
+    """A note where the reference model leaves a share of right outputs over."""
+    if not left_over > Limits().misfit:
+        return ()
+    return (
+        "The reference model cannot follow this plant, so a misfit cannot be checked: only the "
+        "residual and parts of the recording can contradict the fitted plant.",
+    )
+
+
+def _left_open(plant: Plant, hidden: NDArray[np.bool_]) -> tuple[str, ...]:
+    """A note on the unknown parameters (q,) that a recording leaves open."""
+    names = [split(plant.label(list(plant.prior)[i]))[0] for i in plant.unknown[hidden]]
+    if not names:
+        return ()
+    return (f"The recording does not tell {', '.join(names)}: most of the prior remains possible.",)
+
+
+def stretched(plant: Plant, given: Recording) -> bool:
+    """Whether the input is the experiment's sample by sample, at another sampling time."""
+    same = plant.excite is None and len(given.u) == 1 and _is_experiment(plant, given.u[0])
+    return same and not np.isclose(given.Ts, plant.Ts, rtol=ROUNDED)
 
 
 def _same_input(plant: Plant, given: Recording) -> bool:
-    u = given.resampled(plant.Ts).u[0]
+    return _is_experiment(plant, given.resampled(plant.Ts).u[0])
+
+
+def _is_experiment(plant: Plant, u: Array) -> bool:
     rounding = ROUNDED * np.abs(plant.u).max()
     return u.shape == plant.u.shape and bool((np.abs(u - plant.u) <= rounding).all())
 

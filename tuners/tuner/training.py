@@ -212,7 +212,7 @@ def _factors(parts: list[Array]) -> tuple[float, ...]:
     predicted, spread, actual = np.concatenate(parts, axis=1)
     factors = conformal(predicted, spread, actual)
     if not np.isfinite(factors).all():
-        lost = np.isnan(actual).any(axis=1).sum()
+        lost = np.isnan(predicted + spread + actual).any(axis=1).sum()
         vague = (~np.isfinite(spread) & np.isfinite(actual)).any(axis=1).sum()
         if vague > lost:
             raise ValueError(
@@ -222,8 +222,8 @@ def _factors(parts: list[Array]) -> tuple[float, ...]:
             )
         raise ValueError(
             f"{lost} of {len(actual)} loops that calibrate the intervals are unstable or have no "
-            "gains, at most a tenth may be, of ten or more. Train on more plants, or narrow the "
-            "prior."
+            "gains or no prediction, at most a tenth may be, of ten or more. Train on more "
+            "plants, or narrow the prior."
         )
     return tuple(factors.tolist())
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tuners.features.laguerre import Laguerre
 from tuners.trust import fallback
-from tuners.trust.black_box import black_box, functions_for
+from tuners.trust.black_box import black_box, functions_for, left_over
 from tuners.trust.checks import Assessment, assess
 from tuners.trust.fit import fit
 from tuners.trust.intervals import GAUSSIAN, Interval
@@ -37,6 +37,10 @@ _SLOWEST = 0.1  # sampling time, in periods of the crossover
 _COARSEST = 10.0  # sampling time, in those of the experiment, where there is no crossover
 _MISSED = 0.01  # of the output's standard deviation: what a spline may miss between samples
 _TOO_SLOW = "A spline misses part of the output between these slow samples: record faster."
+_STRETCHED = (
+    "The input is the experiment's, sample by sample, but the sampling time is not its {:g} s: "
+    "check Ts."
+)
 _STILL = 1e-9  # of the experiment's largest input or output: smaller variations are none
 
 
@@ -131,6 +135,9 @@ class Tuner:
             message = plant.messages.get("between", _TOO_SLOW)
             missed = Finding(values, _MISSED, _MISSED, message)
             assessment = assessment.followed_by({"between": missed})
+        if notes.stretched(plant, recording):
+            asked = Finding(np.ones(len(recording)), 0.0, 0.0, _STRETCHED.format(plant.Ts))
+            assessment = assessment.followed_by({"stretched": asked})
         given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
         return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
 
@@ -151,7 +158,8 @@ class Tuner:
             rung=Rung(climbed.rung[i]),
             left=why,
             reasons=_reasons(self.plant, checks, why, Rung(climbed.rung[i])),
-            notes=notes.notes(self.plant, given, found.fit.residual[i], self.method.any_experiment),
+            notes=notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
+            + notes.unfollowed(self._left_over),
             fallback=self._named(self.fallback),
             checks=checks,
             fit=FittedPlant.of(plant, found, i, alone),
@@ -238,6 +246,11 @@ class Tuner:
     def fallback(self) -> Array:
         """Gains (k,) that are stable for every plant of the prior (`tuners.trust.fallback`)."""
         return fallback.fallback(self.plant)
+
+    @cached_property
+    def _left_over(self) -> float:
+        """Share of the outputs that the reference model cannot explain, of a nonlinear plant."""
+        return 0.0 if self.plant.linear else left_over(self.plant, self.black_box)
 
     @cached_property
     def black_box(self) -> Laguerre:

@@ -12,8 +12,8 @@ MARGINS = ("phase_margin", "crossover")
 """Metrics of a loop that a recording's own frequency response gives."""
 
 CHECKS = (
-    "implausible", "misfit", "response", "noise", "colour", "outside", "bend", "halves", "limited",
-    "unsolved", "between",
+    "implausible", "misfit", "response", "noise", "colour", "outside", "bend", "halves", "parts",
+    "louder", "pattern", "limited", "undesigned", "unsolved", "between", "stretched",
 )  # fmt: skip
 """Checks that every plant's recordings undergo."""
 

@@ -31,6 +31,11 @@ CHECKS = {
     "bend": "Growth of the response with the amplitude",
     "halves": "Halves of the recording off the whole, in metrics' limits",
     "limited": "Target out of the controller's reach",
+    "parts": "Spread between parts of the recording, over the widest",
+    "louder": "Residual over the noise that the plant declares",
+    "pattern": "Residual with a pattern, over simulated output",
+    "undesigned": "No gains for the fitted plant",
+    "stretched": "The experiment's samples at another sampling time",
     "unsolved": "Design or numerics failed",
 }
 """Checks of every plant, as tables name them."""

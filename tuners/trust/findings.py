@@ -1,0 +1,154 @@
+"""Findings of the checks: what each compares, for B recordings at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.trust.black_box import BlackBox
+from tuners.trust.fit import Fit, most_coloured
+from tuners.trust.limits import MESSAGES, Limits
+from tuners.trust.residuals import against_declared
+from tuners.trust.response import Response
+from tuners.trust.verdict import Finding
+from yawrate_env.plant.names import check_name, split
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+MISS = 2.0
+"""Times a metric's `error`: what a user calls a miss."""
+
+_DOUBT = 3.0  # standard deviations that a finding must exceed to count
+_WHITE = 2.0  # times white noise's power in a band: what white noise may happen to have
+_NOISIEST = 0.6  # residual over output beyond which gains are refused
+_CONTRADICTED = 0.06  # of the output: a misfit that small errors of the simulator do not explain
+_PATTERN = 0.08  # of the output: a pattern that the intervals of a nonlinear plant may not cover
+_BENT = 0.1  # share of the slope beyond which gains are refused: a tenth of the crossover
+_CHANGED = 4.0  # standard deviations of a difference between halves, or of a bend, that count
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """Makes the findings of one plant.
+
+    Attributes
+    ----------
+    second : float, optional
+        Limit of refusal for checks of the fitted plant where it is the second opinion; where it
+        is the only one, what fails is refused.
+    """
+
+    plant: Plant
+    second: float | None
+
+    def of(
+        self, name: str, values: Array, at_most: float = np.inf, refusal: float | None = None
+    ) -> Finding:
+        """A finding of a check of `Limits`."""
+        limit = min(getattr(Limits(), name), at_most)
+        return Finding(values, limit, limit if refusal is None else refusal, MESSAGES[name])
+
+    def of_measured(self, theta: Array, anywhere: bool) -> dict[str, Finding]:
+        """How far measured parameters lie outside the range that the tuner was made for."""
+        plant, found = self.plant, {}
+        low, high = plant.limits if anywhere else plant.ranges
+        for i, name in enumerate(plant.prior):
+            if name in plant.measured:
+                beyond = np.maximum(np.maximum(low[i] - theta[:, i], theta[:, i] - high[i]), 0.0)
+                label = split(plant.label(name))[0]
+                message = f"{label} is outside the range that the tuner was made for: " + (
+                    f"{low[i]:g} to {high[i]:g}."
+                )
+                limit = plant.measured[name]
+                refusal = limit if self.second is None else self.second
+                found[label] = Finding(beyond, limit, refusal, message)
+        return found
+
+    def of_metrics(
+        self, what: str, values: Array, limits: Array, refusals: Array, message: str
+    ) -> dict[str, Finding]:
+        """A finding for each counted metric."""
+        names = (check_name(name, what) for name in self.plant.counted)
+        parts = zip(names, values.T, limits, refusals, strict=True)
+        return {name: Finding(v, float(a), float(b), message) for name, v, a, b in parts}
+
+    def of_response(self, response: Response, gains: Array) -> dict[str, Finding]:
+        """Findings on what the black box leaves over: it is not linear, or it changes."""
+        moved, distance = response.moved(gains)
+        changed = (moved / self.plant.metric_setting("error")).max(axis=1)
+        sure = np.abs(response.bend) - _CHANGED * response.doubt
+        values = {
+            "bend": (np.where(sure > 0, np.abs(response.bend), 0.0), _BENT),
+            "halves": (np.where(distance > _CHANGED, changed, 0.0), MISS),
+        }
+        return {name: self.of(name, value, refusal=at) for name, (value, at) in values.items()}
+
+    def of_recordings(
+        self, model: BlackBox, found: Fit, response: Response | None
+    ) -> dict[str, Finding]:
+        """Findings on residuals, and on the fitted plant's difference from the black box."""
+        plant = self.plant
+        noise = (found.residual**2).mean(axis=1)
+        left = noise if response is None else response.noise
+        values = {
+            "misfit": (_misfit(plant, model, found), _CONTRADICTED if response is None else np.inf),
+            "noise": (np.sqrt(left / found.simulated.var(axis=1)), _NOISIEST),
+            "outside": (_outside(plant, found), self.second),
+        }
+        findings = {n: self.of(n, value, refusal=at) for n, (value, at) in values.items()}
+        if response is None:
+            louder, pattern = against_declared(plant, model, found)
+            findings["louder"] = self.of("louder", louder, refusal=np.inf)
+            most = np.inf if plant.linear else _PATTERN
+            findings["pattern"] = self.of("pattern", pattern, refusal=most)
+        if plant.crossover is not None:
+            colour = (
+                found.noise / noise / model.oversampled if response is None else response.colour
+            )
+            most = most_coloured(found.residual.shape[1], model.Ts, plant.crossover)
+            findings["colour"] = self.of("colour", colour, max(most / 2, _WHITE), np.inf)
+            if plant.linear and response is None:
+                findings["response"] = self.of("response", _response(plant.crossover, model, found))
+        return {name: findings[name] for name in MESSAGES if name in findings}
+
+
+def implausible(plant: Plant, u: Array, y: Array) -> Array:
+    """Largest input or output over the plausible one, (B,)."""
+    largest = zip((u, y), plant.plausible, strict=True)
+    ratios = [np.abs(values).max(axis=1) / limit for values, limit in largest]
+    return np.asarray(np.max(np.broadcast_arrays(*ratios), axis=0))
+
+
+def _misfit(plant: Plant, model: BlackBox, found: Fit) -> Array:
+    """Output that the black box explains and the fitted plant does not, beyond noise, relative."""
+    freedom = max(model.functions.order - len(plant.unknown), 1)
+    excess = (found.residual**2).sum(axis=1) - model.residual
+    chance = found.noise * (freedom + _DOUBT * np.sqrt(2 * freedom))
+    energy = found.simulated.var(axis=1) * found.simulated.shape[1]
+    return np.asarray(np.sqrt(np.maximum(excess - chance, 0) / energy))
+
+
+def _response(crossover: float, model: BlackBox, found: Fit) -> Array:
+    """Relative difference of black box and fitted plant, less three standard deviations.
+
+    The black box's coefficients on what the plant leaves over are their difference.
+    """
+    functions = model.functions.frequency_response(np.array([2 * np.pi * crossover]), model.Ts)
+    nothing = np.empty((0, model.u.shape[1]))
+    _, right = model.functions.normal_equations(model.u, found.residual, model.Ts, nothing)
+    difference = np.linalg.solve(model.information, right[..., None])[..., 0] @ functions
+    fitted = np.abs(model.coefficients @ functions - difference)[:, 0]
+    scaled = np.linalg.solve(model.information, functions)[..., 0]
+    variance = (scaled @ functions.conj()).real[:, 0]
+    spread = np.sqrt(found.noise * variance) / fitted
+    return np.asarray(np.maximum(np.abs(difference[:, 0]) / fitted - _DOUBT * spread, 0))
+
+
+def _outside(plant: Plant, found: Fit) -> Array:
+    """Distance from the prior in widths of its ranges, less three standard deviations."""
+    free, (low, high) = plant.unknown, plant.ranges
+    theta = found.theta[:, free]
+    slack = _DOUBT * np.sqrt(np.einsum("bii->bi", found.covariance))
+    beyond = np.maximum(low[free] - theta, theta - high[free]) / plant.width
+    return np.asarray(np.maximum(beyond - slack, 0).max(axis=1, initial=0.0))

@@ -1,0 +1,39 @@
+"""What the residual of a fitted plant says beside the noise that the plant declares."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.trust.black_box import BlackBox
+from tuners.trust.fit import Fit
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+_CORRELATED = 0.3  # between samples that follow each other: more than chance in a hundred samples
+_LARGER = 1.5  # times the declared noise: more than a sensor's tolerance
+_DEVIATIONS = 4.0  # of the correlation of white noise
+
+
+def against_declared(plant: Plant, model: BlackBox, found: Fit) -> tuple[Array, Array]:
+    """Residuals over the declared noise, and over the output where noise explains them not, (B,).
+
+    The latter is 0 unless a residual is coloured and larger than declared.  Where the plant's
+    noise depends on its output, both are 0: it is then a share of the output, not a number that
+    the sensor is known to have.  Samples that were interpolated are left out.
+    """
+    residual = found.residual[:, :: int(np.ceil(model.oversampled))]
+    count = len(residual)
+    if callable(plant.noise) or not plant.noise:
+        return np.zeros(count), np.zeros(count)
+    ratio = np.sqrt((residual**2).mean(axis=1)) / plant.noise
+    coloured = lag_one(residual) > max(_CORRELATED, _DEVIATIONS / np.sqrt(residual.shape[1]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.sqrt((residual**2).mean(axis=1) / found.simulated.var(axis=1))
+    return np.asarray(ratio), np.where(coloured & (ratio > _LARGER), share, 0.0)
+
+
+def lag_one(residual: Array) -> Array:
+    """Correlation (B,) of samples with those before them, about zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = (residual[:, 1:] * residual[:, :-1]).sum(axis=1) / (residual**2).sum(axis=1)
+    return np.where(np.isfinite(found), found, 0.0)
