@@ -47,9 +47,18 @@ def answers() -> dict:
         if name != "oracle":
             known = {"v_x": obs[0, 2, 0]} if obs.shape[1] > 2 else {}
             result = tuner.tune(obs[0, 0], obs[0, 1], 0.001, **known)
-            ends = [[i.value, i.low, i.high] for i in result.intervals.values()]
-            found["tune"][name] = {"intervals": ends, "trusted": result.trusted}
+            found["tune"][name] = {
+                "intervals": ends(result.intervals),
+                "exact_intervals": ends(result.exact_intervals),
+                "verdict": result.verdict.value,
+                "rung": result.rung.name,
+            }
     return found
+
+
+def ends(intervals: dict) -> list:
+    """Values and ends of intervals."""
+    return [[i.value, i.low, i.high] for i in intervals.values()]
 
 
 if __name__ == "__main__":

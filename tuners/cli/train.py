@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from tuners.cli.arguments import COUNT, SEED, Output, example, refuse_overwriting, vehicle_option
 from tuners.cli.sources import plant_from
@@ -102,7 +103,7 @@ def accuracy(tuner: "Tuner", seed: int) -> str:
     from tuners.tuner.comparison import TUNER, compare
 
     found = compare(tuner, VALIDATION, seed)
-    bounds = (np.sqrt(np.nanmean(each**2, axis=0)) for each in (found.bound, found.informed))
+    bounds = (_rms(each) for each in (found.bound, found.informed))
     errors = [
         f"{metric_name(name)} {quantity(rms, unit_of(name), 2)} rms ("
         + (f"bound {least:.2g})" if np.isfinite(least) else f"bound {informed:.2g} with the prior)")
@@ -119,6 +120,13 @@ def accuracy(tuner: "Tuner", seed: int) -> str:
     if found.trusted.mean() <= USUAL:
         said += ", more would be with larger scales of the metrics"
     return "\n".join([said, *leaks(tuner.plant, found)])
+
+
+def _rms(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Root mean squares (f,) of the rows (B, f) that are numbers; ``inf`` where none is."""
+    known = values[~np.isnan(values).any(axis=1)]
+    means = (known**2).mean(axis=0) if len(known) else np.full(values.shape[1], np.inf)
+    return np.asarray(np.sqrt(means))
 
 
 def leaks(plant: Plant, found: "Comparison") -> list[str]:

@@ -181,7 +181,7 @@ def _by_response(make: Findings, response: Response, judged: Judged) -> Answer:
         **make.of_metrics("spread", spread, widths, widest, _INFORMATION),
         **make.of_metrics("contrast", contrast, _SMALL * MISS * error, foreign, _CONTRAST),
         **make.of_response(response, gains),
-        **make.of_metrics("error", off, error, MISS * error, _MISSED),
+        **make.of_metrics("error", off, error, error, _MISSED),
         "limited": make.of("limited", limited, refusal=1.0),
         "unsolved": make.of("unsolved", np.where(solved, 0.0, 1.0)),
     }  # fmt: skip
