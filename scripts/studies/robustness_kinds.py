@@ -71,7 +71,7 @@ _PAIRS = (
     ("M_0 ± 30 %", "l_rel_r ± 30 %"),
     ("xi ± 30 %", "l_rel_f ± 30 %"),
     ("dead time up to 40 ms", "C_f ± 30 %"),
-    ("deadband", "C_f ± 30 %"),
+    ("drift", "C_f ± 30 %"),
     ("slow gusts", "l_r ± 30 %"),
     ("friction falls at mid-recording", "C_r ± 30 %"),
     ("drift", "omega_n ± 30 %"),

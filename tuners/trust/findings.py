@@ -24,8 +24,8 @@ _WHITE = 2.0  # times white noise's power in a band: what white noise may happen
 _NOISIEST = 0.6  # residual over output beyond which gains are refused
 _CONTRADICTED = 0.06  # of the output: a misfit that small errors of the simulator do not explain
 _PATTERN = 0.08  # of the output: a pattern that the intervals of a nonlinear plant may not cover
-_BENT = 0.1  # share of the slope beyond which gains are refused: a tenth of the crossover
-_CHANGED = 4.0  # standard deviations of a difference between halves, or of a bend, that count
+_BENT = 0.06  # share of the slope beyond which gains are refused: about a miss of the crossover
+_CHANGED, _CURVED = 4.0, 3.5  # standard deviations of a change between halves, and of a bend
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class Findings:
         """Findings on what the black box leaves over: it is not linear, or it changes."""
         moved, distance = response.moved(gains)
         changed = (moved / self.plant.metric_setting("error")).max(axis=1)
-        sure = np.abs(response.bend) - _CHANGED * response.doubt
+        sure = np.abs(response.bend) - _CURVED * response.doubt
         values = {
             "bend": (np.where(sure > 0, np.abs(response.bend), 0.0), _BENT),
             "halves": (np.where(distance > _CHANGED, changed, 0.0), MISS),

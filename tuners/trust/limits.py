@@ -52,7 +52,7 @@ class Limits:
     noise: float = 0.3
     colour: float = 20.0
     outside: float = 0.1
-    bend: float = 0.03
+    bend: float = 0.02
     halves: float = 1.0
     parts: float = 1 / 3
     louder: float = 2.0

@@ -28,6 +28,7 @@ Complex = NDArray[np.complex128]
 _LOWEST, _HIGHEST, _POINTS = 1 / 30, 3.5, 256  # of the crossover, and frequencies between
 _NYQUIST = 0.95  # of half the controller's rate: the highest frequency that is looked at
 _LEAST = 1e-20  # of the output's energy: noise below rounding
+_NOISE_LEFT = 0.02  # of the residual, where a difference between halves explains nearly all
 _ROUNDING = 1e-6  # of the cube's energy
 
 
@@ -55,6 +56,8 @@ class Response:
         (B,) power of the residual around the crossover over that of white noise.
     halves : NDArray
         (B, 2) by how much the second half of the recording asks for another `required`.
+    changed : NDArray
+        (B,) share of the residual that a difference between the halves explains.
     bend : NDArray
         (B,) by which share the response grows, or shrinks if negative, from no amplitude to the
         recording's: what a cube of the output explains of the residual.
@@ -71,6 +74,7 @@ class Response:
     noise: Array
     colour: Array
     halves: Array
+    changed: Array
     bend: Array
     doubt: Array
 
@@ -86,7 +90,8 @@ class Response:
         output, error = signals[:, 0], model.y - signals[:, 0]
         covariance, spectra, coloured = sandwich(model, error, signals[:, 1:], target.crossover)
         covariance += J @ found.hidden @ J.swapaxes(1, 2)
-        halves, bent = _halves(model, error, J @ found.estimator), _bend(model, output, error)
+        halves, changed = _halves(model, error, J @ found.estimator)
+        bent = _bend(model, output, error)
         for i in np.flatnonzero(coloured).tolist():
             found.coefficients[i], covariance[i] = weighted(
                 model, i, spectra[i], at, target.crossover
@@ -101,7 +106,17 @@ class Response:
         at_crossover = round(2 * (spectra.shape[1] - 1) * model.Ts * target.crossover)
         colour = spectra[:, at_crossover] / np.where(noise > 0, noise, 1.0) / model.oversampled
         return cls(
-            target, omega, values, required, covariance, output, noise, colour, halves, *bent
+            target,
+            omega,
+            values,
+            required,
+            covariance,
+            output,
+            noise,
+            colour,
+            halves,
+            changed,
+            *bent,
         )
 
     def __len__(self) -> int:
@@ -153,6 +168,7 @@ class Response:
         with np.errstate(invalid="ignore"):
             difference = (J @ self.halves[..., None])[..., 0]
             covariance = 4 * J @ self.covariance @ J.swapaxes(1, 2)
+            covariance *= np.maximum(1 - self.changed, _NOISE_LEFT)[:, None, None]
             regular = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))[:, None, None]
             covariance = np.where(regular, covariance, np.eye(2))
             scaled = np.linalg.solve(covariance, difference[..., None])[..., 0]
@@ -209,18 +225,19 @@ def _from_white(model: BlackBox) -> Regularised:
     return regularised(model.information, right, energy, variance)
 
 
-def _halves(model: BlackBox, error: Array, filters: Array) -> Array:
-    """Difference (B, 2) of what both halves of a recording ask for.
+def _halves(model: BlackBox, error: Array, filters: Array) -> tuple[Array, Array]:
+    """Difference (B, 2) of what a recording's halves ask for, and its share (B,) of the error.
 
     The residual that the whole leaves over is fitted in the first half; in the second it is the
     opposite, and either holds about half of the information.
     """
     half = error.shape[1] // 2
-    first = np.empty((0, half))
-    _, right = model.functions.normal_equations(
-        model.u[:, :half], np.ascontiguousarray(error[:, :half]), model.Ts, first
-    )
-    return np.asarray(-4 * (filters @ right[..., None])[..., 0])
+    nothing, first = np.empty((0, half)), np.ascontiguousarray(error[:, :half])
+    _, right = model.functions.normal_equations(model.u[:, :half], first, model.Ts, nothing)
+    explained = 4 * (right * np.linalg.solve(model.information, right[..., None])[..., 0])
+    energy = (error**2).sum(axis=1)
+    share = explained.sum(axis=1) / np.where(energy > 0, energy, 1.0)
+    return np.asarray(-4 * (filters @ right[..., None])[..., 0]), share
 
 
 def _bend(model: BlackBox, output: Array, error: Array) -> tuple[Array, Array]:
