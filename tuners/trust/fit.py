@@ -26,7 +26,8 @@ from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
-_POLISHING = 12  # steps at most
+_POLISHING = 20  # steps at most
+_UNSEEN = 1e-3  # of the noise's variance: a step that changes the output by less is none
 _SETTLED = 1e-4  # of a range: the last step is no longer
 _OPEN = 0.5  # of the prior's standard deviation: a parameter that a recording leaves open
 _BAND = (1 / 7.5, 1 / 0.3)  # of the crossover: where noise matters to the metrics
@@ -90,6 +91,8 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
         step = np.where(model.unknown[:, None] & np.isfinite(step), step, 0.0)
         theta = moved(plant, theta, np.clip(step, -LARGEST_STEP, LARGEST_STEP), *limits)
         settled = np.abs(step).max(axis=1, initial=0.0) <= _SETTLED
+        gained = ((step[:, None] @ slopes)[:, 0] ** 2).sum(axis=1)  # of what noise may do
+        settled |= gained <= _UNSEEN * (error**2).mean(axis=1)
     error, slopes = _signals(plant, theta, model)
     noise = noise_level(error, model.Ts, plant.crossover)
     if plant.crossover is None:  # interpolation reduces the noise of most frequencies
