@@ -87,7 +87,8 @@ class Row:
         Answers that are not refused, and how many of the 90 % intervals of phase margin and of
         crossover contain the true one.
     asked : int or None
-        Recordings whose reasons contain a question; None where it was not looked at.
+        Answers usable with care whose reasons contain a question; None where it was not looked
+        at.
     """
 
     group: str
@@ -121,7 +122,7 @@ class Answers:
     inside : NDArray
         (B, 2) whether the true phase margin and crossover lie inside the intervals.
     asked : NDArray or None
-        (B,) whether a reason is a question.
+        (B,) whether the answer is usable with care and a reason is a question.
     """
 
     reachable: Flags
@@ -203,7 +204,8 @@ def answered(tuner: Tuner, task: Task, made: Faulty, *, questions: bool = False)
     asked = None
     if questions:
         results = tuner.results(made.recording)
-        asked = np.array([any("?" in reason for reason in r.reasons) for r in results])
+        asks = np.array([any("?" in reason for reason in r.reasons) for r in results])
+        asked = asks & (found.verdicts == list(Verdict).index(Verdict.USABLE_WITH_CARE))
     return Answers(reachable, errors, found.verdicts, climbed.rung, inside, asked)
 
 

@@ -120,9 +120,10 @@ def _sentences(rows: Sequence[Row], names: Sequence[str]) -> str:
     asked = [r for r in real if r.asked is not None]
     if asked:
         of = pooled(asked)
+        careful = of.verdicts["usable_with_care"]
         parts.append(
-            f"Of {of.recordings} recordings whose fault only the log has, {of.asked} "
-            f"({_share(of.asked or 0, of.recordings)}) are answered with a question among the "
+            f"Of {careful} answers usable with care where the fault is only the log's, {of.asked} "
+            f"({_share(of.asked or 0, careful)}) come with a question among the "
             "reasons."
         )
     return "\n".join(f"- {part}" for part in parts)

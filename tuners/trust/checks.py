@@ -29,7 +29,7 @@ Answer = tuple[Array, Array, dict[str, Finding]]
 
 _DOUBT = 3.0  # standard deviations that a difference must exceed to count
 _STEP = 1e-3  # of a range: metrics may come from a simulation's samples
-_FOREIGN = (90.0, 0.6)  # deg, of the crossover: a reversed sign, other units, no such plant
+_FOREIGN = (120.0, 0.9)  # deg, of the crossover: a reversed sign, other units, no such plant
 _SMALL = 0.8  # of a miss: where one of two answers is right, the other is no miss either
 _INFORMATION = (
     "The recording holds too little information: excite more strongly, more quickly, or for longer."
