@@ -52,7 +52,7 @@ A tuner gives gains for any recording. `tune` therefore checks them against the 
 4. The recording must hold enough information (**phase margin spread**, **crossover spread**).
 
 None of these checks depends on the stored excitation: other registers, bit times, lengths and
-starts in mid-drive pass. Where an answer is not trusted, `tune` gives the reasons and a
+starts in mid-drive pass. Where an answer is refused, `tune` gives the reasons and a
 **fallback**: gains that are right for some vehicle of the prior, stable for all of them, and best
 for the vehicle that they suit least.
 

@@ -88,7 +88,7 @@ def _key(axes: Axes, names: Sequence[str]) -> None:
     entries = [Line2D([], [], color=colour(n), lw=0.9, **dot, label=n) for n in names]
     entries += [
         Line2D([], [], color=INK, ls="", **dot, label="trusted"),
-        Line2D([], [], color=INK, ls="", mfc="white", **dot, label="mostly not trusted"),
+        Line2D([], [], color=INK, ls="", mfc="white", **dot, label="mostly refused"),
         Line2D([], [], color=INK, ls="", marker="^", ms=4, label="some loops unstable"),
         Line2D([], [], color=INK, ls="", marker="x", ms=4, label="refused"),
         Line2D([], [], **_BOUND, label="Cramér–Rao bound"),

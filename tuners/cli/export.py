@@ -97,4 +97,4 @@ def command(
     for path in export(source, target, out, Ts=ts, limits=limits, features=features):
         click.echo(str(path))
     if result is not None and not source.trusted:
-        click.echo(f"{result}: these gains are not trusted.", err=True)
+        click.echo(f"{result}: these gains are refused.", err=True)

@@ -86,7 +86,7 @@ def notes(found: Forecast, u: Array, chosen: Proposal, wanted: float) -> list[st
     plant, said = found.plant, []
     used = STRETCH * len(plant.u)
     if chosen.most < 0.95 * wanted:
-        said.append("Weaker or shorter recordings would not be trusted.")
+        said.append("Weaker or shorter recordings would take care or be refused.")
     if plant.linear and len(u) > used:
         said.append(
             f"Of so long a log `yawrate tune` uses the best {used * plant.Ts:g} s; with --from and "

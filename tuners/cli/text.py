@@ -93,7 +93,7 @@ def between(interval: Interval, unit: str) -> str:
 
 
 def fallback_text(fallback: Mapping[str, float], units: Mapping[str, str]) -> str:
-    """The gains to use in place of those that are not trusted."""
+    """The gains to use in place of those that are refused."""
     if any(map(math.isnan, fallback.values())):
         return (
             "No gains are stable for every plant of the prior: narrow the prior, or ask for a "

@@ -1,4 +1,4 @@
-"""Conservative gains, for results that are not trusted or have no gains."""
+"""Conservative gains, for results that are refused or have no gains."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -7,7 +7,7 @@ import numpy as np
 
 from yawrate_env import validation
 
-_SHARES = {"error": 0.2, "spread": 0.1, "widest": 0.5}  # of the scale, by default
+_SHARES = {"error": 0.2, "spread": 0.1, "widest": 1.0}  # of the scale, by default
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Metric:
         Largest standard deviation of the prediction that needs no care: a larger one hides a
         miss.  A tenth of the scale if omitted.
     widest : float
-        Half width of the 90 % interval beyond which gains are refused; half the scale if omitted.
+        Half width of the 90 % interval beyond which gains are refused; the scale if omitted.
     """
 
     scale: float
