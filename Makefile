@@ -77,9 +77,9 @@ accuracy: $(STAMP) ## results/accuracy.md and its tables; about an hour
 	@$(BIN)/python scripts/off_design.py
 	@$(BIN)/python scripts/accuracy.py page --readme README.md
 
-robustness: $(STAMP) ## results/robustness.md: who breaks where; half an hour
+robustness: $(STAMP) ## results/robustness.md: who breaks where; ten minutes
 	@echo "==> scripts/robustness.py"
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/robustness.py
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/robustness.py --readme README.md
 
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"

@@ -52,7 +52,7 @@ CLI_PAGE = """\
 | 0 | done; of `tune`: the gains are usable, with care or without |
 | 1 | a log, a tuner or a plant's file cannot be used; the reason is on stderr |
 | 2 | wrong usage |
-| 3 | of `tune`: the gains are refused, or take care under `--strict`; the reasons are in the output |
+| 3 | of `tune`: the gains are refused, or take care under `--strict`; the output says why |
 
 {commands}
 

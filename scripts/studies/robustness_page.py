@@ -96,6 +96,24 @@ def page(rows: Sequence[Row], levels: Sequence[Level], conditions: dict[str, Any
     )
 
 
+def summary(rows: Sequence[Row]) -> str:
+    """The groups in a few columns, as README.md shows them."""
+    groups = dict.fromkeys(r.group for r in rows)
+    lines = []
+    for group in groups:
+        of = pooled([r for r in rows if r.group == group])
+        verdicts = " / ".join(_share(n, of.recordings) for n in of.verdicts.values())
+        held = " / ".join(_share(n, of.trusted) for n in of.covered)
+        missed = of.missed["usable"], of.missed["usable_with_care"]
+        shares = (_share(of.misses[name], of.recordings) for name in ("learner", "ladder"))
+        lines.append((group, of.recordings, *shares, verdicts, *missed, held))
+    heads = (
+        "what is wrong", "recordings", "learner misses", "ladder misses",
+        "usable / with care / refused", "misses called usable", "with care", "intervals hold",
+    )  # fmt: skip
+    return table(heads, lines)
+
+
 def _sentences(rows: Sequence[Row], names: Sequence[str]) -> str:
     """What the figures say, and under which conditions."""
     real = [r for r in rows if r.kind != "nothing"] or rows

@@ -23,6 +23,7 @@ _DOUBT = 3.0  # standard deviations that a finding must exceed to count
 _WHITE = 2.0  # times white noise's power in a band: what white noise may happen to have
 _NOISIEST = 0.6  # residual over output beyond which gains are refused
 _CONTRADICTED = 0.06  # of the output: a misfit that small errors of the simulator do not explain
+_ANOTHER = 0.5  # of the output: what no other car of the same kind leaves; units are wrong
 _PATTERN = 0.08  # of the output: a pattern that the intervals of a nonlinear plant may not cover
 _BENT = 0.06  # share of the slope beyond which gains are refused: about a miss of the crossover
 _CHANGED, _CURVED = 4.0, 3.5  # standard deviations of a change between halves, and of a bend
@@ -90,9 +91,9 @@ class Findings:
         """Findings on residuals, and on the fitted plant's difference from the black box."""
         plant = self.plant
         noise = (found.residual**2).mean(axis=1)
-        left = noise if response is None else response.noise
+        left, most = (noise, _CONTRADICTED) if response is None else (response.noise, _ANOTHER)
         values = {
-            "misfit": (_misfit(plant, model, found), _CONTRADICTED if response is None else np.inf),
+            "misfit": (_misfit(plant, model, found), most),
             "noise": (np.sqrt(left / found.simulated.var(axis=1)), _NOISIEST),
             "outside": (_outside(plant, found), self.second),
         }
