@@ -35,7 +35,9 @@ def sandwich(
     E, X = transformed[:, 0], transformed[:, 1:]
     spectra, coloured = _spectrum(model, (E * E.conj()).real / N, length, crossover)
     X = X * np.sqrt(_sides(X.shape[2]) / length)
-    noisy = np.einsum("bif,bf,bjf->bij", X, spectra, X.conj()).real  # no threads of BLAS
+    noisy = X * np.sqrt(spectra)[:, None]
+    noisy = np.concatenate([noisy.real, noisy.imag], axis=2)
+    noisy = np.einsum("bif,bjf->bij", noisy, noisy)  # no threads of BLAS
     return noisy, spectra, coloured
 
 

@@ -147,8 +147,7 @@ class Response:
 
     def open_loop(self, gains: Array, i: int) -> OpenLoop:
         """The loop of gains (2,) around one recording's response, as reports draw it."""
-        L = self._loop(np.tile(gains, (len(self), 1)))[i]
-        return OpenLoop(self.omega / (2 * np.pi), L)
+        return OpenLoop(self.omega / (2 * np.pi), self._loop(self.values[[i]], gains[None])[0])
 
     def spread(self, gains: Array) -> Array:
         """Standard deviations (B, 2) of the `metrics` of gains (B, 2)."""
@@ -188,18 +187,18 @@ class Response:
             J[:, 1, 0] = metrics[:, 1] / magnitude
         return J
 
-    def _loop(self, gains: Array) -> Complex:
-        """Open loops (B, F) of gains (B, 2)."""
+    def _loop(self, values: Complex, gains: Array) -> Complex:
+        """Open loops (B, F) of responses (B, F) and gains (B, 2)."""
         kp, Ti = gains.T
         n1, n0, d0 = (c[:, None] for c in controller.coefficients(kp, Ti, self.target))
         delta = delta_operator(self.omega, self.target.Ts)
-        return np.asarray(self.values * (n1 * delta + n0) / (delta + d0))
+        return np.asarray(values * (n1 * delta + n0) / (delta + d0))
 
     def _crossing(self, gains: Array) -> tuple[Array, tuple[Array, Array]]:
         """Metrics, and the slopes of log magnitude and phase over log frequency, (B,) each."""
         log_omega = np.log(self.omega)
         with np.errstate(divide="ignore", invalid="ignore"):
-            L = self._loop(gains)
+            L = self._loop(self.values, gains)
             magnitude, phase = np.log(np.abs(L)), np.unwrap(np.angle(L), axis=1)
             falls: NDArray[np.bool_] = np.logical_and(magnitude[:, :-1] > 0, magnitude[:, 1:] <= 0)
             k = falls.shape[1] - 1 - falls[:, ::-1].argmax(axis=1)
@@ -242,7 +241,7 @@ def _halves(model: BlackBox, error: Array, filters: Array) -> tuple[Array, Array
 
 def _bend(model: BlackBox, output: Array, error: Array) -> tuple[Array, Array]:
     """What a cube of the output explains of residuals, as growth of the slope, and its doubt."""
-    cube = model.projected((output**3)[:, None])[:, 0]
+    cube = model.projected((output * output * output)[:, None])[:, 0]
     _, right = model.functions.normal_equations(
         model.u, cube, model.Ts, np.empty((0, cube.shape[1]))
     )

@@ -14,7 +14,7 @@ from tuners.tuner.method import Rung
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
-from yawrate_env.plant.responses import ClosedLoop
+from yawrate_env.plant.responses import ClosedLoop, OpenLoop
 
 Array = NDArray[np.float64]
 
@@ -124,8 +124,8 @@ class Result:
     fit : FittedPlant
         The plant fitted to the recording, and the recording itself; its output and residual are
         the black box's where that answers.
-    loop : ClosedLoop, optional
-        The loop of the gains, as reports draw it: around the plant that answers.
+    open_loop : OpenLoop, optional
+        The loop of the gains around the recording's own response, where that answers.
     plant : Plant
         What the tuner was made for.
     """
@@ -143,13 +143,21 @@ class Result:
     fallback: Mapping[str, float]
     checks: tuple[Check, ...] = field(repr=False)
     fit: FittedPlant = field(repr=False)
-    loop: ClosedLoop | None = field(repr=False)
+    open_loop: OpenLoop | None = field(repr=False)
     plant: Plant = field(repr=False)
 
     @property
     def trusted(self) -> bool:
         """Whether the gains are usable, with care or without."""
         return self.verdict is not Verdict.REFUSE
+
+    @property
+    def loop(self) -> ClosedLoop | None:
+        """The loop of the gains around the plant that answers; None where nothing can be drawn."""
+        if self.rung >= Rung.BLACK_BOX:
+            return None if self.open_loop is None else ClosedLoop(open=self.open_loop)
+        theta, gains = (np.array(list(v.values())) for v in (self.fit.parameters, self.gains))
+        return self.plant.closed_loop(theta, gains)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # copying and pickling ask before there are any gains

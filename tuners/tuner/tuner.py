@@ -26,7 +26,7 @@ from yawrate_env import validation
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.names import check_name
 from yawrate_env.plant.plant import Plant
-from yawrate_env.plant.responses import ClosedLoop
+from yawrate_env.plant.responses import OpenLoop
 
 Array = NDArray[np.float64]
 
@@ -163,7 +163,7 @@ class Tuner:
             fallback=self._named(self.fallback),
             checks=checks,
             fit=FittedPlant.of(plant, found, i, alone),
-            loop=_loop(plant, gains.values[i], found, i, alone),
+            open_loop=_open_loop(gains.values[i], found, i) if alone else None,
             plant=self.plant,
         )
 
@@ -300,13 +300,11 @@ def _intervals(
     return {name: Interval(float(v), float(v - h), float(v + h)) for name, v, h in ends}
 
 
-def _loop(plant: Plant, gains: Array, found: Assessment, i: int, alone: bool) -> ClosedLoop | None:
-    """The loop around the fitted plant, or what the recording alone shows of it."""
-    if not (alone and found.response is not None):
-        return plant.closed_loop(found.fit.theta[i], gains)
-    if not np.isfinite(gains).all():
+def _open_loop(gains: Array, found: Assessment, i: int) -> OpenLoop | None:
+    """What the recording alone shows of the loop; None where there is nothing to show."""
+    if found.response is None or not np.isfinite(gains).all():
         return None
-    return ClosedLoop(open=found.response.open_loop(gains, i))
+    return found.response.open_loop(gains, i)
 
 
 def _reasons(
