@@ -1,4 +1,4 @@
-"""Trust in gains: the fitted plant, the reference model, the bound, checks and intervals.
+"""Trust in gains: fitted plant, black box and its response, bound, checks, intervals, suspects.
 
 Everything follows from the recording and the plant's simulator.  The methods that find gains,
 and the presentation of results, do not belong here.
