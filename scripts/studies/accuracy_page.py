@@ -39,26 +39,13 @@ answer in steps: they need many more vehicles for a part of that accuracy.
 {off_design}
 ## When not to trust
 
-A tuner gives gains for any recording. `tune` therefore checks them against the recording:
+`tune` climbs a ladder: the learner's gains, those of the simulator fitted to the recording, those of the
+recording's own response; each where the next does not contradict it. What is checked, which two
+intervals there are and what the verdicts mean is in [docs/trust.md](../docs/trust.md). Nothing depends
+on the stored excitation: other registers, bit times, lengths and starts in mid-drive pass.
 
-1. The simulator is fitted to the recording (two parameters), and so is a black box that knows
-   nothing of vehicles (twenty). What the black box explains and the simulator does not, beyond
-   what noise can do, is **misfit**; it is the cross-correlation of the residual with the command,
-   in the metric in which noise counts. At the crossover both must **respond** alike.
-2. The residual must not be **coloured**: something else than the command would move the vehicle
-   there. It must be small beside the yaw rate (**noise**).
-3. The fitted vehicle must not lie **outside** the range that the tuner was made for, and with it
-   the gains must meet the target (**phase margin error**, **crossover error**).
-4. The recording must hold enough information (**phase margin spread**, **crossover spread**).
-
-None of these checks depends on the stored excitation: other registers, bit times, lengths and
-starts in mid-drive pass. Where an answer is refused, `tune` gives the reasons and a
-**fallback**: gains that are right for some vehicle of the prior, stable for all of them, and best
-for the vehicle that they suit least.
-
-The predicted margins are those of the loop with the fitted vehicle, and their **intervals** are
-calibrated by split conformal prediction on 5000 episodes of the `calibration` set: nine times in
-ten the true margin lies inside, whatever the shape of the errors.
+The tables count what is *usable* without care. Where the log alone is wrong (its clock, a late yaw
+rate) gains miss and take care, with a question; [robustness.md](robustness.md) counts them.
 
 Severities of the faults below (`scripts/studies/faults.py`) were fixed before any measurement.
 "Gains miss" means more than 3° or 0.15 Hz off with the true vehicle, or an unstable loop.

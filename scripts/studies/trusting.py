@@ -46,7 +46,7 @@ class Count:
     recordings, misses, unstable : int
         All; those whose gains miss, unstable loops among them; unstable loops.
     trusted, trusted_misses : int
-        Those that are trusted, and that should not have been.
+        Those that are usable without care, and that should not have been.
     real : bool
         Whether there is a vehicle behind them.
     """
@@ -95,7 +95,7 @@ def faulty(tuner: Tuner, count: int, seed: int, progress: Progress | None = None
         for i in range(0, count, _BATCH):
             part = slice(i, min(i + _BATCH, count))
             gains, found = tuner.assess(made.part(part).recording)
-            trusted.append(found.trusted)
+            trusted.append(found.verdicts == 0)
             g, s = _evaluated(task, made.part(part), gains.values)
             good.append(g)
             stable.append(s)
@@ -111,7 +111,7 @@ def usual(tuner: Tuner, episodes: int, seed: int, progress: Progress | None = No
     for block, found, actual in assessed(tuner, "test", episodes, seed):
         done += len(block)
         good.append(_good(task_of(plant), actual))
-        trusted.append(found.trusted)
+        trusted.append(found.verdicts == 0)
         if progress is not None:
             progress("usual episodes", done, episodes)
     ok = np.concatenate(good)
@@ -131,7 +131,7 @@ def unusual(tuner: Tuner, count: int, seed: int, progress: Progress | None = Non
             g, s = _evaluated(task, Faulty(recording, context), gains.values)
             good.append(g)
             stable.append(s)
-            trusted.append(found.trusted)
+            trusted.append(found.verdicts == 0)
             if progress is not None:
                 progress(name, done + 1, count)
         rows.append(_count(name, *map(np.concatenate, (good, stable, trusted))))
@@ -285,8 +285,8 @@ def _counts_table(rows: Sequence[dict[str, Any]]) -> str:
     columns = ("recordings", "misses", "unstable", "trusted", "trusted_misses")
     pooled = {key: sum(row[key] for row in rows) for key in columns}
     return table(
-        ("faulty or foreign", "recordings", "gains miss", "unstable", "trusted",
-         "trusted, missing"),
+        ("faulty or foreign", "recordings", "gains miss", "unstable", "usable",
+         "usable, missing"),
         [
             (row["kind"] + ("" if row["real"] else " (no vehicle behind it)"),
              *(row[c] for c in columns))
@@ -301,7 +301,7 @@ def _trusted_table(rows: Sequence[dict[str, Any]]) -> str:
         return float((row["trusted"] - row["trusted_misses"]) / max(good, 1))
 
     return table(
-        ("usable", "recordings", "gains miss", "trusted of the good", "trusted and missing"),
+        ("not faulty", "recordings", "gains miss", "usable of the good", "usable and missing"),
         [
             (row["kind"], row["recordings"], row["misses"], f"{share(row):.1%}",
              row["trusted_misses"])
