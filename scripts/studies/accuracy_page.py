@@ -39,10 +39,10 @@ answer in steps: they need many more vehicles for a part of that accuracy.
 {off_design}
 ## When not to trust
 
-`tune` climbs a ladder: the learner's gains, those of the simulator fitted to the recording, those of the
-recording's own response; each where the next does not contradict it. What is checked, which two
-intervals there are and what the verdicts mean is in [docs/trust.md](../docs/trust.md). Nothing depends
-on the stored excitation: other registers, bit times, lengths and starts in mid-drive pass.
+`tune` climbs a ladder: the learner's gains, those of the simulator fitted to the recording, those
+of the recording's own response; each where the next does not contradict it. What is checked, which
+two intervals there are and what the verdicts mean is in [docs/trust.md](../docs/trust.md). Nothing
+depends on the stored excitation: other registers, bit times, lengths and starts in mid-drive pass.
 
 The tables count what is *usable* without care. Where the log alone is wrong (its clock, a late yaw
 rate) gains miss and take care, with a question; [robustness.md](robustness.md) counts them.

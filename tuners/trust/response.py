@@ -138,12 +138,16 @@ class Response:
         """(B,) whether the controller reaches the target."""
         return np.asarray(self._design.status == Status.OK)
 
+    @property
+    def aim(self) -> Array:
+        """(2,) phase margin [deg] and crossover [Hz] of the target."""
+        return np.array([self.target.phase_margin, self.target.crossover])
+
     @cached_property
     def reached(self) -> Array:
         """(B, 2) metrics of `gains`; the target where there are none."""
-        target = np.array([self.target.phase_margin, self.target.crossover])
         metrics = self.metrics(self.gains)
-        return np.where(np.isfinite(metrics).all(axis=1, keepdims=True), metrics, target)
+        return np.where(np.isfinite(metrics).all(axis=1, keepdims=True), metrics, self.aim)
 
     def open_loop(self, gains: Array, i: int) -> OpenLoop:
         """The loop of gains (2,) around one recording's response, as reports draw it."""

@@ -61,7 +61,8 @@ def explanations(plant: Plant, model: BlackBox, fitted: Fit, i: int) -> tuple[st
     found = []
     for k in np.argsort(promised)[:_TRIED]:
         cost, value = _fitted(problem, theta, suspects[k])
-        found.append(((left - cost) / (left - floor), value, suspects[k]))
+        if value not in suspects[k].limits or value == suspects[k].nominal:
+            found.append(((left - cost) / (left - floor), value, suspects[k]))
     found.sort(key=lambda each: -each[0])
     best = [each for each in found if each[0] >= _EXPLAINED][:1]
     best += [each for each in found if each[2].logged and each[0] >= _ALSO and each not in best][:1]

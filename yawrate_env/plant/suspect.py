@@ -55,6 +55,22 @@ def later(outputs: Array, samples: Array) -> Array:
     return np.stack([np.interp(at - late, at, row) for row, late in pairs])
 
 
+def zeroed(outputs: Array, pole: Array) -> Array:
+    """Outputs (B, N) without a running mean of first order, with discrete poles (B,)."""
+    left = np.empty_like(outputs)
+    _zero(np.ascontiguousarray(outputs), pole, left)
+    return left
+
+
+@kernel
+def _zero(outputs: Array, pole: Array, left: Array) -> None:
+    for b in range(len(outputs)):
+        mean = 0.0
+        for k in range(outputs.shape[1]):
+            mean = pole[b] * mean + (1.0 - pole[b]) * outputs[b, k]
+            left[b, k] = outputs[b, k] - mean
+
+
 def slowed(inputs: Array, most: Array) -> Array:
     """An input (1, N) that changes by `most` (B,) a sample at most, (B, N)."""
     out = np.empty((len(most), inputs.shape[1]))

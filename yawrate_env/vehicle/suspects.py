@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.plant.suspect import Suspect, later, slowed
+from yawrate_env.plant.suspect import Suspect, later, slowed, zeroed
 from yawrate_env.vehicle.episode import simulated
 from yawrate_env.vehicle.single_track import context_of
 from yawrate_env.vehicle.task import Task
@@ -53,6 +53,7 @@ def suspects(task: Task) -> tuple[Suspect, ...]:
         Suspect("late", _Late(task, Ts), 0.0, (-_LATEST, _LATEST), Ts, _late,
                 logged=True),
         Suspect("gyro", _Gain(task), 1.0, (0.5, 2.0), 0.01, _gain, logged=True),
+        Suspect("auto-zero", _HighPass(task, Ts), 0.0, (0.0, 6.0), 0.05, _zeroed, logged=True),
         Suspect("rate", _Rate(task, Ts), rate, (0.05, rate), 0.1 * rate, _rate),
     )  # fmt: skip
 
@@ -102,6 +103,18 @@ class _Gain:
 
     def __call__(self, theta: Array, value: Array, u: Array) -> Array:
         return simulated(self.task, context_of(theta, self.task.prior.others), u) * value[:, None]
+
+
+@dataclass(frozen=True, slots=True)
+class _HighPass:
+    """Yaw rates without what is slower than a corner frequency [rad/s]."""
+
+    task: Task
+    Ts: float
+
+    def __call__(self, theta: Array, value: Array, u: Array) -> Array:
+        y = simulated(self.task, context_of(theta, self.task.prior.others), u)
+        return zeroed(y, np.exp(-value * self.Ts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +176,13 @@ def _gain(value: float) -> str:
     return (
         f"The yaw rate is {abs(value - 1):.0%} {more} than any vehicle of these data: are the "
         "sensor's scale, the steering ratio and the units right, and does the loop have them too?"
+    )
+
+
+def _zeroed(value: float) -> str:
+    return (
+        f"The yaw rate looks high-pass filtered at {value / (2 * np.pi):.2g} Hz: is the sensor "
+        "AC-coupled or re-zeroed, and does the loop have that too?"
     )
 
 
