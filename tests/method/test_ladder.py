@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import cont2discrete, lfilter
 
 import tuners
 from tuners.trust.verdict import Verdict
 from tuners.tuner.method import Rung
 from tuners.tuner.recording import Recording
 from yawrate_env.plant.episodes import recorded
-from yawrate_env.plant.suspect import later
+from yawrate_env.plant.suspect import later, zeroed
 from yawrate_env.vehicle.single_track import Vehicle
 from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
@@ -76,6 +77,7 @@ FAULTS = {
     "early": (lambda y: later(y, np.full(len(y), -20.0)), "answers 20 ms sooner", "command"),
     "late": (lambda y: later(y, np.full(len(y), 30.0)), "late by 30 ms", "dead time"),
     "scaled": (lambda y: 1.15 * y, "15% stronger", "scale"),
+    "re-zeroed": (lambda y: zeroed(y, np.full(len(y), np.exp(-1e-3))), "at 0.16 Hz", "AC-coupled"),
 }
 
 
@@ -108,6 +110,19 @@ def test_a_neutral_steer_car_hides_its_mass_and_is_answered():
     assert found.trusted[asked].mean() >= 0.98
     errors = np.abs(plant.errors(block.theta, gains.values))[asked]
     assert (errors < [1.5, 0.075]).all()
+
+
+def test_a_loop_that_a_resonance_makes_cross_once_more_is_refused():
+    """A lightly damped mode above the crossover: the rule's gains reach the target below it."""
+    _, _, recording = drives()
+    w, damping = 2 * np.pi * 2.3, 0.05
+    num, den, _ = cont2discrete(([w**2], [1, 2 * damping * w, w**2]), 0.001, "zoh")
+    clean = PLANT.respond(PLANT.middle)
+    moded = clean + 0.5 * lfilter(np.squeeze(num), den, clean)
+    noise = recording.y[:1] - PLANT.respond(drives()[0][:1])
+    found = tuners.load("bb").tune(recording.u[0], (moded + noise)[0])
+    assert found.verdict is Verdict.REFUSE
+    assert "phase_margin_error" in [check.name for check in found.checks if not check.passed]
 
 
 def test_too_short_a_recording_takes_care_and_a_shorter_one_is_refused():
