@@ -16,15 +16,15 @@ from tuners.trust.checks import Assessment, assess
 from tuners.trust.fit import fit
 from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.response import Response
-from tuners.trust.verdict import Check, Finding, worst
+from tuners.trust.verdict import Finding, worst
 from tuners.tuner import notes, tuner_file
 from tuners.tuner.ladder import Climb, climb, left
 from tuners.tuner.method import Gains, Method, Rung
+from tuners.tuner.reasons import reasons
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
 from yawrate_env import validation
 from yawrate_env.loop.design import Status
-from yawrate_env.plant.names import check_name
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.responses import OpenLoop
 
@@ -157,7 +157,7 @@ class Tuner:
             verdict=verdict,
             rung=Rung(climbed.rung[i]),
             left=why,
-            reasons=_reasons(self.plant, checks, why, Rung(climbed.rung[i])),
+            reasons=reasons(plant, checks, why, Rung(climbed.rung[i])),
             notes=notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
             + notes.unfollowed(self._left_over),
             fallback=self._named(self.fallback),
@@ -305,17 +305,6 @@ def _open_loop(gains: Array, found: Assessment, i: int) -> OpenLoop | None:
     if found.response is None or not np.isfinite(gains).all():
         return None
     return found.response.open_loop(gains, i)
-
-
-def _reasons(
-    plant: Plant, checks: tuple[Check, ...], why: tuple[str, ...], rung: Rung
-) -> tuple[str, ...]:
-    """What checks that failed mean; where the plant was left, why, in place of its checks."""
-    why = why if rung > Rung.FITTED_PLANT else ()
-    explained = {"misfit", "outside", *(check_name(name, "contrast") for name in plant.counted)}
-    failed = [c for c in checks if not c.passed]
-    others = [c.message for c in failed if not (why and c.name in explained)]
-    return tuple(dict.fromkeys([*(why if failed else ()), *others]))
 
 
 def _between(given: Recording, found: Assessment) -> Array:
