@@ -21,7 +21,7 @@ from tuners.features import BY_NAME, features_named
 from tuners.tuner.tuner_file import SUFFIX
 from yawrate_env.plant.entry import find
 
-EPISODES = 5000
+EPISODES = 1000
 """That calibrate the intervals of a vehicle's tuner."""
 
 AGENT_EPISODES = 20_000
