@@ -130,8 +130,22 @@ def test_too_short_a_recording_takes_care_and_a_shorter_one_is_refused():
     block = recorded(short, "test", 0, COUNT)
     found = TUNER.assess(Recording(block.u, block.y, short.Ts))[1]
     assert (found.verdicts > 0).all()
+    results = TUNER.results(Recording(block.u, block.y, short.Ts).part(slice(0, 4)))
+    for spread, result in zip(found.spread, results, strict=False):
+        factor = (spread / short.metric_setting("spread")).max()
+        assert any(f"or {factor:.1f} times as strong" in why for why in result.reasons)
     half = 1.645 * found.spread
     assert (found.verdicts[(half > [5.0, 0.25]).any(axis=1)] == 2).all()
+
+
+def test_a_slow_integral_is_noted():
+    theta = np.array([[0.36, 0.0, 20.0]])
+    limited = yaw_rate(Task(target=replace(PLANT.loop_target, phase_margin=85.0)), check=False)
+    y = limited.respond(theta)[0]
+    noisy = y + 0.02 * y.std() * np.random.default_rng(0).standard_normal(len(y))
+    found = tuners.load("bb", limited).tune(limited.u, noisy)
+    assert any("Integral action is very slow" in note for note in found.notes) == (found.Ti > 5.0)
+    assert found.Ti > 5.0
 
 
 def test_the_batch_and_one_by_one_agree():

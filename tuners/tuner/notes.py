@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 ROUNDED = 1e-3
 """Of the largest input, or of a sampling time: differences by rounding in logs."""
 
+_SLOW = 0.5  # of the recording's length: a Ti beyond it is very slow
 _FEW = 10  # samples for each distinct value, or more
 
 
@@ -64,6 +65,16 @@ def stretched(plant: Plant, given: Recording) -> bool:
     """Whether the input is the experiment's sample by sample, at another sampling time."""
     same = plant.excite is None and len(given.u) == 1 and _is_experiment(plant, given.u[0])
     return same and not np.isclose(given.Ts, plant.Ts, rtol=ROUNDED)
+
+
+def slow_integral(plant: Plant, gains: Array, seconds: float) -> tuple[str, ...]:
+    """A note where a PI's gains (2,) integrate so slowly that a recording hardly shows it."""
+    if plant.loop_target is None or not gains[1] > _SLOW * seconds:
+        return ()
+    return (
+        f"Integral action is very slow: Ti is {gains[1]:.3g} s, the recording has {seconds:.3g} s. "
+        "Near that limit Ti is uncertain and hardly matters at the crossover.",
+    )
 
 
 def _same_input(plant: Plant, given: Recording) -> bool:

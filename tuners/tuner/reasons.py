@@ -5,6 +5,8 @@ from tuners.tuner.method import Rung
 from yawrate_env.plant.names import check_name
 from yawrate_env.plant.plant import Plant
 
+_HOPELESS = 30.0  # times the spread that needs no care: no advice of this kind helps
+
 
 def reasons(
     plant: Plant, checks: tuple[Check, ...], why: tuple[str, ...], rung: Rung
@@ -21,4 +23,20 @@ def reasons(
         doubtful = {*explained, *errors, "limited", "bend", "halves"}
         failed = [c for c in failed if c.name not in doubtful]
     others = [c.message for c in failed if not (why and c.name in explained)]
-    return tuple(dict.fromkeys([*(why if failed else ()), *others]))
+    return tuple(dict.fromkeys([*(why if failed else ()), *others, *_wanted(failed, spreads)]))
+
+
+def _wanted(failed: list[Check], spreads: list[str]) -> list[str]:
+    """How much longer or stronger to record, where the recording tells too little.
+
+    A standard deviation falls with the amplitude, and with the root of the length.
+    """
+    ratios = [c.value / c.limit for c in failed if c.name in spreads and c.limit > 0]
+    factor = max(ratios, default=0.0)
+    if not 1 < factor < _HOPELESS:
+        return []
+    longer = f"{factor**2:.1f}" if factor < 3 else f"{factor**2:.0f}"
+    return [
+        f"About {longer} times as long, or {factor:.1f} times as strong in the same noise, would "
+        "be enough."
+    ]

@@ -159,7 +159,8 @@ class Tuner:
             left=why,
             reasons=reasons(plant, checks, why, Rung(climbed.rung[i])),
             notes=notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
-            + notes.unfollowed(self._left_over),
+            + notes.unfollowed(self._left_over)
+            + notes.slow_integral(plant, gains.values[i], given.y.shape[1] * given.Ts),
             fallback=self._named(self.fallback),
             checks=checks,
             fit=FittedPlant.of(plant, found, i, alone),
