@@ -77,7 +77,7 @@ class Score:
     tracking_error : float
         Root mean square over episodes [deg/s].
     trusted : float or None
-        Share of the first `ASKED` episodes whose gains are trusted.
+        Share of the first `ASKED` episodes whose gains are usable without care.
     """
 
     tuner: str
@@ -145,7 +145,7 @@ def scored(
     found = evaluate(given, plant, "test", episodes=episodes, seed=seed, batch=256)
     trusted = {
         name: np.concatenate(
-            [checked.trusted for _, checked, _ in assessed(tuner, "test", few, seed, plant)]
+            [checked.verdicts == 0 for _, checked, _ in assessed(tuner, "test", few, seed, plant)]
         )
         for name, tuner in tuners.items()
     }  # fmt: skip

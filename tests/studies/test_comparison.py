@@ -114,7 +114,7 @@ def test_everything_is_trained_and_tested(tmp_path, monkeypatch):
     scores = found()
     listed = [(s.name, s.episodes, s.seed) for s in scores]
     assert listed == [
-        *((name, 0, 0) for name in ("gb", "vrft", "frit", "oracle", "nominal")),
+        *((name, 0, 0) for name in ("gb", "bb", "vrft", "frit", "oracle", "nominal")),
         *((name, n, 0) for n in (60, 128) for name in ("ts-gbm", "ts-ff")),
         *(("ppo-laguerre", n, seed) for seed in (0, 1) for n in (60, 128)),
     ]
