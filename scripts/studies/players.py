@@ -32,14 +32,16 @@ def alone(tuner: Tuner) -> Tuner:
     if not isinstance(method, Stages):
         return tuner
     own: Any = Alone(method.features, method.learner, method.parametrisation)
-    return Tuner(tuner.plant, own, tuner.training, tuner.calibration)
+    return Tuner(tuner.plant, own, tuner.training, tuner.calibration, tuner.exact_calibration)
 
 
 class Remembering(Tuner):
     """The same tuner, which climbs once for a recording that it is asked about again."""
 
     def __init__(self, tuner: Tuner) -> None:
-        super().__init__(tuner.plant, tuner.method, tuner.training, tuner.calibration)
+        super().__init__(
+            tuner.plant, tuner.method, tuner.training, tuner.calibration, tuner.exact_calibration
+        )
         self._asked: tuple[Recording, str] | None = None
 
     def climb(self, recording: Recording, start: str = "auto") -> tuple[Climb, Assessment]:

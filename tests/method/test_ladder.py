@@ -157,3 +157,24 @@ def test_the_batch_and_one_by_one_agree():
         assert list(one.gains.values()) == pytest.approx(list(result.gains.values()), rel=1e-6)
         for name, interval in one.intervals.items():
             assert interval.low == pytest.approx(result.intervals[name].low, rel=1e-6)
+
+
+def test_the_black_box_alone_reports_no_vehicle():
+    _, _, recording = drives()
+    found = tuners.load("bb").tune(recording.u[0], recording.y[0])
+    assert found.verdict is Verdict.USABLE and found.notes == ()
+    assert np.isnan([*found.fit.parameters.values(), *found.fit.deviations.values()]).all()
+    assert np.isnan([interval.low for interval in found.exact_intervals.values()]).all()
+    assert found.loop.open is not None
+
+
+def test_a_suspect_that_fails_is_named():
+    def broken():
+        raise KeyError("mass")
+
+    _, _, recording = drives(C_r=1.25)
+    tuner = tuners.load("gb", replace(PLANT, suspects=broken, check=False))
+    assert tuner.tune(recording.u[0], recording.y[0]).left == ()
+    learner = type(TUNER)(tuner.plant, TUNER.method)
+    with pytest.raises(ValueError, match="suspects failed: KeyError"):
+        learner.results(recording)

@@ -54,8 +54,6 @@ class Judged:
         (B,) whether the numerics behind them succeeded.
     limited : NDArray
         (B,) whether they only come near the target.
-    fitted : NDArray
-        (B,) whether they rest on the fitted plant, and not on the recording alone.
     contrast : NDArray
         (B, f) metrics by which the gains of the fitted plant and of the black box differ.
     """
@@ -63,7 +61,6 @@ class Judged:
     values: Array
     solved: Flags
     limited: Flags
-    fitted: Flags
     contrast: Array
 
 
@@ -160,6 +157,11 @@ def assess(
         findings |= make.of_recordings(model, fitted, response) | found
     if alone:
         exact, exact_spread = np.full_like(exact, np.nan), np.full_like(exact, np.nan)
+        fitted = replace(  # a plant that nobody asked about has no parameters to report
+            fitted,
+            theta=np.full_like(fitted.theta, np.nan),
+            covariance=np.full_like(fitted.covariance, np.nan),
+        )
         asked = {"implausible", "noise", "colour", "bend", "halves", "limited", "unsolved"}
         asked |= {check_name(m, what) for m in plant.counted for what in ("spread", "error")}
         findings = {name: finding for name, finding in findings.items() if name in asked}

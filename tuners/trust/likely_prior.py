@@ -17,8 +17,8 @@ _SCALES = np.geomspace(1e-3, 1e3, 13)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Regularised:
-    """Black boxes of B recordings, drawn to smooth responses.
+class Estimate:
+    """Coefficients of B recordings, drawn to smooth responses.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Regularised:
     estimator : NDArray
         (B, n, n) by which inner products of functions and output become coefficients.
     hidden : NDArray
-        (B, n, n) part of it that is the prior's: what the recording does not show.
+        (B, n, n) covariance of what the prior hides: what the recording does not show.
     """
 
     coefficients: Array
@@ -35,7 +35,7 @@ class Regularised:
     hidden: Array
 
 
-def regularised(gram: Array, right: Array, energy: Array, variance: Array) -> Regularised:
+def most_likely(gram: Array, right: Array, energy: Array, variance: Array) -> Estimate:
     """Coefficients of B least-squares problems with the most likely prior.
 
     Parameters
@@ -70,4 +70,4 @@ def regularised(gram: Array, right: Array, energy: Array, variance: Array) -> Re
         )
         for total, part in zip(found, parts, strict=True):
             total[better] = part[better]
-    return Regularised(*found)
+    return Estimate(*found)

@@ -12,7 +12,7 @@ from scipy.fft import next_fast_len
 
 from tuners.features.laguerre import combined, lifted, products
 from tuners.trust.black_box import BlackBox, free_responses
-from tuners.trust.likely_prior import regularised
+from tuners.trust.likely_prior import most_likely
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -64,7 +64,7 @@ def weighted(
         rest = [*range(n), -1]
         Y = X[rest] - combined((inverse @ gram[n:-1][:, rest]).T, X[n:-1])
         reduced = lifted(products(Y / spectrum, Y))
-        found = regularised(reduced[None, :-1, :-1], reduced[None, :-1, -1], reduced[-1:, -1],
+        found = most_likely(reduced[None, :-1, :-1], reduced[None, :-1, -1], reduced[-1:, -1],
                             np.ones(1))  # fmt: skip
         c = found.coefficients[0]
         error = Y[-1] - combined(c[None], Y[:-1])[0]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import BlackBox
-from tuners.trust.likely_prior import Regularised, regularised
+from tuners.trust.likely_prior import Estimate, most_likely
 from tuners.trust.noise_spectrum import response_slopes, sandwich, weighted
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import Design, Status, design_from_response
@@ -217,7 +217,7 @@ class Response:
         return metrics, ((after - before) / width, turn / width)
 
 
-def _from_white(model: BlackBox) -> Regularised:
+def _from_white(model: BlackBox) -> Estimate:
     """Coefficients of black boxes, whose residual is taken for white noise."""
     n, N = model.functions.order, model.u.shape[1]
     right = (model.information @ model.coefficients[..., None])[..., 0]
@@ -225,7 +225,7 @@ def _from_white(model: BlackBox) -> Regularised:
     independent = max(N / model.oversampled - n, 1.0)
     least = np.where(energy > 0, _LEAST * energy, 1.0)
     variance = np.maximum(model.residual, least) / N * model.oversampled * (1 + n / independent)
-    return regularised(model.information, right, energy, variance)
+    return most_likely(model.information, right, energy, variance)
 
 
 def _halves(model: BlackBox, error: Array, filters: Array) -> tuple[Array, Array]:

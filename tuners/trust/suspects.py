@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tuners.trust.black_box import BlackBox
 from tuners.trust.fit import Fit
+from yawrate_env.plant.calls import call
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.suspect import Suspect
 
@@ -56,7 +57,7 @@ def explanations(plant: Plant, model: BlackBox, fitted: Fit, i: int) -> tuple[st
     floor = float(model.residual[i])
     if not left > floor:
         return ()
-    suspects = plant.suspects()
+    suspects = call("suspects", plant.suspects)
     promised = [_promised(problem, theta, suspect) for suspect in suspects]
     found = []
     for k in np.argsort(promised)[:_TRIED]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from tuners.trust.checks import Assessment, Judged, predicted
 from tuners.trust.fit import Fit
+from tuners.trust.intervals import GAUSSIAN
 from tuners.trust.response import Response
 from tuners.trust.suspects import explanations
 from tuners.tuner.method import Gains, Rung
@@ -67,8 +68,7 @@ class Climb:
     def judged(self) -> Judged:
         """What is to be assessed."""
         limited = self.gains.status == Status.PHASE_LIMITED
-        fitted = self.rung < Rung.BLACK_BOX
-        return Judged(self.gains.values, self.gains.converged, limited, fitted, self.contrast)
+        return Judged(self.gains.values, self.gains.converged, limited, self.contrast)
 
     def without(self, rows: Flags) -> "Climb":
         """The same with the gains of some recordings (B,) removed."""
@@ -155,7 +155,7 @@ def left(plant: Plant, climbed: Climb, found: Assessment, i: int) -> tuple[str, 
         return (_NOT_CONFIRMED,)
     if rung < Rung.BLACK_BOX or response is None:
         return ()
-    if (found.spread[i] > plant.metric_setting("widest")).any():
+    if (GAUSSIAN * found.spread[i] > plant.metric_setting("widest")).any():
         return ()  # so little is known that no difference means anything
     return explanations(plant, found.model, found.fit, i) or _differs(plant, climbed, response, i)
 

@@ -20,6 +20,7 @@ from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Recipe, Stages, coordinates_of, train_stages
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
+from yawrate_env.plant.calls import call
 from yawrate_env.plant.episodes import Draw, Episodes, episodes, integers_of
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.streams import stream
@@ -185,13 +186,13 @@ def doubted(tuner: Tuner, episodes: int, seed: int) -> list[Array]:
     """Predicted metrics, their spread and actual metrics, (3, B, f) each, of `doubtful` plants.
 
     Every second block begins in motion, a tenth of the recording late, and measured parameters
-    are off by up to `_MEASURED` of their width or mean.
+    are off by up to `_MEASURED` of their value.
     """
     plant, parts = tuner.plant, []
     assert plant.doubtful is not None
     for number, first in enumerate(range(0, episodes, _DOUBTED)):
         rng = np.random.default_rng((seed, number))
-        source, count = plant.doubtful(rng), min(_DOUBTED, episodes - first)
+        source, count = call("doubtful", plant.doubtful, rng), min(_DOUBTED, episodes - first)
         drawn = Draw.of(source, stream(seed + 1, number, count, integers_of(source)))
         y = source.measure(drawn.theta, drawn.u, drawn.keys)
         cut = number % 2 * y.shape[1] // 10

@@ -107,9 +107,10 @@ class Tuner:
             and the output follows a cubic spline.
         measured : dict, optional
             The plant's measured parameters: one value each, or one a sample.
-        start : {"auto", "rest", "unknown"}
-            Whether the recording starts from rest without offsets, or in motion, in which case
-            initial state and offsets are estimated too; found from the data if "auto".
+        start : {"auto", "rest", "offset", "unknown"}
+            Whether the recording starts from rest without offsets, at an operating point, whose
+            output is an unknown constant, or in motion, in which case initial state, offset and
+            trend are estimated too; found from the data if "auto".
             For plants whose responses do not add up the data cannot say, and rest is assumed.
         **parameters
             Measured parameters by name, as in ``v_x=18.0``.

@@ -91,8 +91,7 @@ class _Late:
     Ts: float
 
     def __call__(self, theta: Array, value: Array, u: Array) -> Array:
-        y = simulated(self.task, context_of(theta, self.task.prior.others), u)
-        return later(y, value / self.Ts)
+        return later(_driven(self.task, theta, u), value / self.Ts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +101,7 @@ class _Gain:
     task: Task
 
     def __call__(self, theta: Array, value: Array, u: Array) -> Array:
-        return simulated(self.task, context_of(theta, self.task.prior.others), u) * value[:, None]
+        return _driven(self.task, theta, u) * value[:, None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,8 +112,7 @@ class _HighPass:
     Ts: float
 
     def __call__(self, theta: Array, value: Array, u: Array) -> Array:
-        y = simulated(self.task, context_of(theta, self.task.prior.others), u)
-        return zeroed(y, np.exp(-value * self.Ts))
+        return zeroed(_driven(self.task, theta, u), np.exp(-value * self.Ts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +123,7 @@ class _Rate:
     Ts: float
 
     def __call__(self, theta: Array, value: Array, u: Array) -> Array:
-        context = context_of(theta, self.task.prior.others)
-        return simulated(self.task, context, slowed(u, value * self.Ts))
+        return _driven(self.task, theta, slowed(u, value * self.Ts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,3 +185,8 @@ def _zeroed(value: float) -> str:
 
 def _rate(value: float) -> str:
     return f"The steering looks rate-limited at {value:.2g} rad/s: excite with smaller steps."
+
+
+def _driven(task: Task, theta: Array, u: Array) -> Array:
+    """Yaw rates (B, N) of a task's vehicles (B, p) for commands (1 or B, N)."""
+    return simulated(task, context_of(theta, task.prior.others), u)
