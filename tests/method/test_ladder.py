@@ -178,3 +178,9 @@ def test_a_suspect_that_fails_is_named():
     learner = type(TUNER)(tuner.plant, TUNER.method)
     with pytest.raises(ValueError, match="suspects failed: KeyError"):
         learner.results(recording)
+
+
+def test_no_episodes_are_refused():
+    _, _, recording = drives()
+    with pytest.raises(ValueError, match="number of episodes"):
+        TUNER.results(recording.part(slice(0, 0)))

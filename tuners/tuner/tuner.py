@@ -179,6 +179,7 @@ class Tuner:
         plant, method = self.plant, self.method
         remedy = "Make one with Recording.of(plant, u, y, Ts)."
         validation.instance("recording", recording, Recording, remedy=remedy)
+        validation.count("number of episodes", len(recording), remedy="Give one or more.")
         remedy = "Slower samples do not show what the plant does: record faster."
         validation.number("Ts", recording.Ts, at_most=slowest(plant), remedy=remedy)
         samples = recording.y.shape[1] * recording.Ts / plant.Ts
