@@ -10,6 +10,7 @@ import click
 from tuners.cli.arguments import READABLE, Output, example, refuse_overwriting
 from tuners.cli.log_options import log_options
 from tuners.cli.sources import load_tuner
+from tuners.cli.target_options import Changes, changed, target_options
 from tuners.logs import Log, MissingParameterError, Options, SelectionError, read_log
 from tuners.trust.black_box import STARTS
 from tuners.trust.verdict import Verdict
@@ -40,6 +41,7 @@ REFUSED = 3
     help="A tuner that the package ships, or a file of `yawrate train`; by default "
     f"{DEFAULT}, or {WITHOUT} where the log gives no speed.",
 )
+@target_options
 @click.option("--report", type=Output(".html"), help="Write a report to this HTML file.")
 @click.option("--strict", is_flag=True, help="Exit with 3 also where gains need care.")
 @click.option("--json", "machine", is_flag=True, help="Print one JSON object.")
@@ -48,6 +50,7 @@ def command(
     options: Options,
     start: str,
     tuner: str | None,
+    target: Changes,
     report: Path | None,
     strict: bool,
     machine: bool,
@@ -65,7 +68,7 @@ def command(
         tuner, trained, recording = _read(log, options, tuner)
     except SelectionError as error:
         raise click.UsageError(str(error)) from None
-    result = tuned(trained, recording, start, options.input_scale)
+    result = retargeted(trained, recording, start, options.input_scale, target)
     from tuners.cli.answer import as_json
     from tuners.cli.text import as_text
 
@@ -92,6 +95,15 @@ def _read(log: Path, options: Options, name: str | None) -> tuple[str, Tuner, Lo
             raise
     trained = load_tuner(WITHOUT)
     return WITHOUT, trained, read_log(log, trained.plant, options)
+
+
+def retargeted(tuner: Tuner, log: Log, start: str, input_scale: float, changes: Changes) -> Result:
+    """The result for a log, for the tuner's target or with changes of it."""
+    result = tuned(tuner, log, start, input_scale)
+    if not changes:
+        return result
+    other = tuner.for_target(changed(tuner.plant, changes), result.rung)
+    return tuned(other, log, start, input_scale).after(result)
 
 
 def tuned(tuner: Tuner, log: Log, start: str, input_scale: float) -> Result:

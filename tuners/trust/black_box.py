@@ -11,7 +11,7 @@ first cost information, so F tests decide how many of them a recording needs: no
 constant at an operating point, the trend where a sensor drifts, all of them in motion.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
@@ -87,6 +87,12 @@ class BlackBox:
     def unknown(self) -> NDArray[np.bool_]:
         """Whether start or offsets were estimated, (B,)."""
         return self.extra > 0
+
+    def part(self, i: int) -> "BlackBox":
+        """Recording `i` alone."""
+        batch = {f.name: getattr(self, f.name) for f in fields(self)}
+        rows = {k: v if len(v) == 1 else v[[i]] for k, v in batch.items() if np.ndim(v)}
+        return replace(self, **rows)
 
     def projected(self, signals: Array) -> Array:
         """Signals (B, m, N) without what offset, trend and free response could explain."""

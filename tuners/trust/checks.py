@@ -31,6 +31,7 @@ _DOUBT = 3.0  # standard deviations that a difference must exceed to count
 _STEP = 1e-3  # of a range: metrics may come from a simulation's samples
 _FOREIGN = (120.0, 0.9)  # deg, of the crossover: a reversed sign, other units, no such plant
 _SMALL = 0.8  # of a miss: where one of two answers is right, the other is no miss either
+_LEAST_GIVEN_UP, _MOST_GIVEN_UP = 1e-3, 0.5  # of the wanted phase margin
 _INFORMATION = (
     "The recording holds too little information: excite more strongly, more quickly, or for longer."
 )
@@ -181,13 +182,19 @@ def _by_response(make: Findings, response: Response, judged: Judged) -> Answer:
     contrast = np.where(np.isnan(judged.contrast), np.inf, judged.contrast)
     foreign = np.array([_FOREIGN[0], _FOREIGN[1] * response.target.crossover])
     solved = judged.solved & np.isfinite(gains).all(axis=1)
-    limited = np.where(judged.limited, 1.0, 0.0)
+    given_up = 1 - response.reached[:, 0] / response.target.phase_margin
+    limited = np.where(judged.limited, np.maximum(given_up, _LEAST_GIVEN_UP), 0.0)
+    # Known well enough to say that no controller reaches the target: nothing else is wrong.
+    barred = ~np.isfinite(gains).all(axis=1) & response.without_gains
+    solved |= barred
+    spread, contrast, off = (np.where(barred[:, None], 0.0, a) for a in (spread, contrast, off))
     return metrics, spread, {
+        "undesigned": make.of("undesigned", np.where(barred, 1.0, 0.0)),
         **make.of_metrics("spread", spread, widths, widest, _INFORMATION),
         **make.of_metrics("contrast", contrast, _SMALL * MISS * error, foreign, _CONTRAST),
         **make.of_response(response, gains),
         **make.of_metrics("error", off, error, error, _MISSED),
-        "limited": make.of("limited", limited, refusal=1.0),
+        "limited": make.of("limited", limited, refusal=_MOST_GIVEN_UP),
         "unsolved": make.of("unsolved", np.where(solved, 0.0, 1.0)),
     }  # fmt: skip
 

@@ -84,6 +84,7 @@ MESSAGES = {
     "or is disturbed. Compare the fitted plant with the recording.",
     "limited": "The controller cannot reach the target with this plant: the gains come as near as "
     "it can.",
-    "undesigned": "The design rule has no gains for the plant that fits the recording.",
+    "undesigned": "The design rule has no gains for the plant that fits the recording: ask for "
+    "another target.",
     "unsolved": "A number is missing or a search did not converge.",
 }

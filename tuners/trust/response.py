@@ -6,7 +6,7 @@ The black box's coefficients are estimated again, drawn to a smooth response
 the design rule.  Nothing of the simulator is used.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -20,6 +20,7 @@ from yawrate_env.loop import controller
 from yawrate_env.loop.design import Design, Status, design_from_response
 from yawrate_env.loop.margins import delta_operator
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.pi_loop import pulse_samples
 from yawrate_env.plant.responses import OpenLoop
 
 Array = NDArray[np.float64]
@@ -29,6 +30,8 @@ _LOWEST, _HIGHEST, _POINTS = 1 / 30, 3.5, 256  # of the crossover, and frequenci
 _NYQUIST = 0.95  # of half the controller's rate: the highest frequency that is looked at
 _LEAST = 1e-20  # of the output's energy: noise below rounding
 _NOISE_LEFT = 0.02  # of the residual, where a difference between halves explains nearly all
+_SURE = 3.0  # standard deviations
+_WHOLE = 1e-6  # of a sampling time
 _ROUNDING = 1e-6  # of the cube's energy
 
 
@@ -40,6 +43,10 @@ class Response:
     ----------
     target : Target
         Of the loop.
+    model : BlackBox
+        The black box, not yet regularised.
+    coefficients : NDArray
+        (B, n) regularised, on its functions.
     omega : NDArray
         (F,) frequencies [rad/s], evenly spaced in their logarithm.
     values : NDArray
@@ -66,6 +73,8 @@ class Response:
     """
 
     target: Target
+    model: BlackBox
+    coefficients: Array
     omega: Array
     values: Complex
     required: Array
@@ -107,6 +116,8 @@ class Response:
         colour = spectra[:, at_crossover] / np.where(noise > 0, noise, 1.0) / model.oversampled
         return cls(
             target,
+            model,
+            found.coefficients,
             omega,
             values,
             required,
@@ -139,6 +150,13 @@ class Response:
         return np.asarray(self._design.status == Status.OK)
 
     @property
+    def without_gains(self) -> NDArray[np.bool_]:
+        """(B,) whether no controller comes near the target, beyond what noise can do."""
+        with np.errstate(invalid="ignore"):
+            doubt = _SURE * np.sqrt(self.covariance[:, 1, 1])
+            return np.asarray(self.required[:, 1] + doubt <= -np.pi / 2)
+
+    @property
     def aim(self) -> Array:
         """(2,) phase margin [deg] and crossover [Hz] of the target."""
         return np.array([self.target.phase_margin, self.target.crossover])
@@ -151,7 +169,35 @@ class Response:
 
     def open_loop(self, gains: Array, i: int) -> OpenLoop:
         """The loop of gains (2,) around one recording's response, as reports draw it."""
-        return OpenLoop(self.omega / (2 * np.pi), self._loop(self.values[[i]], gains[None])[0])
+        return OpenLoop(
+            self.omega / (2 * np.pi),
+            self._loop(self.values[[i]], gains[None])[0],
+            pulse=self._pulse(i),
+        )
+
+    def _pulse(self, i: int) -> Array | None:
+        """Output (K,) at the controller's samples for an input of one during the first of them.
+
+        None where the recording's samples are none of whole parts of the controller's.
+        """
+        functions, Ts, hold = self.model.functions, self.model.Ts, self.target.Ts
+        parts = round(hold / Ts)
+        if parts < 1 or abs(parts * Ts - hold) > _WHOLE * hold:
+            return None
+        held = np.zeros((1, parts * pulse_samples(self.target)))
+        held[0, :parts] = 1.0
+        fine = functions.outputs(held, self.coefficients[[i], None], Ts)[0, 0]
+        return np.ascontiguousarray(fine[::parts])
+
+    def part(self, i: int) -> "Response":
+        """Recording `i` alone."""
+        shared = {"target", "model", "omega"}
+        rows = {f.name: getattr(self, f.name)[[i]] for f in fields(self) if f.name not in shared}
+        return replace(self, model=self.model.part(i), **rows)
+
+    def at(self, crossover: float) -> "Response":
+        """The same recordings' response, for a target with another crossover [Hz]."""
+        return Response.of(self.model, replace(self.target, crossover=crossover))
 
     def spread(self, gains: Array) -> Array:
         """Standard deviations (B, 2) of the `metrics` of gains (B, 2)."""

@@ -124,7 +124,7 @@ def climb(
     if Rung.FITTED_PLANT in rungs:
         supported = fitted.converged & np.isfinite(refined).all(axis=1) & known
         supported &= (distance <= _CONTRADICTED) | (response is None)
-        confirmed = _confirmed(plant, fitted, own, refined)
+        confirmed = _confirmed(plant, fitted, own, refined) & (Rung.METHOD in rungs)
         rung = np.where(supported, np.where(confirmed, Rung.METHOD, Rung.FITTED_PLANT), rung)
     chosen = Gains.of(refined, reached, fitted.converged).replaced(rung == Rung.METHOD, own)
     if response is None:
@@ -153,7 +153,7 @@ def left(plant: Plant, climbed: Climb, found: Assessment, i: int) -> tuple[str, 
     rung, response = climbed.rung[i], found.response
     if rung == Rung.FITTED_PLANT and response is not None:
         return (_NOT_CONFIRMED,)
-    if rung < Rung.BLACK_BOX or response is None:
+    if rung < Rung.BLACK_BOX or response is None or response.without_gains[i]:
         return ()
     if (GAUSSIAN * found.spread[i] > plant.metric_setting("widest")).any():
         return ()  # so little is known that no difference means anything

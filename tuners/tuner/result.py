@@ -1,7 +1,7 @@
 """The answer of `Tuner.tune`: gains, what the recording says of them, whether to trust them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from tuners.trust.checks import Assessment
 from tuners.trust.intervals import Interval
-from tuners.trust.verdict import Check, Verdict
+from tuners.trust.response import Response
+from tuners.trust.verdict import Check, Verdict, worst
 from tuners.tuner.method import Rung
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.names import split
@@ -126,6 +127,8 @@ class Result:
         the black box's where that answers.
     open_loop : OpenLoop, optional
         The loop of the gains around the recording's own response, where that answers.
+    response : Response, optional
+        What the recording itself shows of the plant, where metrics are a PI loop's.
     plant : Plant
         What the tuner was made for.
     """
@@ -144,6 +147,7 @@ class Result:
     checks: tuple[Check, ...] = field(repr=False)
     fit: FittedPlant = field(repr=False)
     open_loop: OpenLoop | None = field(repr=False)
+    response: Response | None = field(repr=False)
     plant: Plant = field(repr=False)
 
     @property
@@ -158,6 +162,15 @@ class Result:
             return None if self.open_loop is None else ClosedLoop(open=self.open_loop)
         theta, gains = (np.array(list(v.values())) for v in (self.fit.parameters, self.gains))
         return self.plant.closed_loop(theta, gains)
+
+    def after(self, before: "Result") -> "Result":
+        """The same, no more certain than an earlier answer for the same recording."""
+        return replace(
+            self,
+            verdict=worst([before.verdict, self.verdict]),
+            left=(*before.left, *(why for why in self.left if why not in before.left)),
+            reasons=(*before.reasons, *(r for r in self.reasons if r not in before.reasons)),
+        )
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # copying and pickling ask before there are any gains

@@ -51,6 +51,13 @@ class GrayBox(Untrained):
         return Gains.of(*plant.designs(found.theta), found.converged)
 
 
+class Fitted(GrayBox):
+    """The gray box where the recording supports it, else what the recording shows itself."""
+
+    kind: ClassVar[str] = "fitted"
+    rungs: ClassVar[tuple[Rung, ...]] = (Rung.FITTED_PLANT, Rung.BLACK_BOX)
+
+
 class BlackBoxRule(Untrained):
     """Apply the design rule to the response that the recording shows (`tuners.trust.response`).
 

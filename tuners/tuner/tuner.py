@@ -23,8 +23,11 @@ from tuners.tuner.method import Gains, Method, Rung
 from tuners.tuner.reasons import reasons
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
+from tuners.tuner.rivals import BlackBoxRule, Fitted
 from yawrate_env import validation
 from yawrate_env.loop.design import Status
+from yawrate_env.loop.target import Target
+from yawrate_env.plant.entry import with_target
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.responses import OpenLoop
 
@@ -146,7 +149,8 @@ class Tuner:
         plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
         alone = climbed.rung[i] >= Rung.BLACK_BOX
-        why = left(self.plant, climbed, found, i) if Rung.FITTED_PLANT in self.method.rungs else ()
+        rungs = self.method.rungs
+        why = left(plant, climbed, found, i) if climbed.rung[i] > min(rungs) else ()
         return Result(
             gains=self._named(gains.values[i]),
             intervals=_intervals(plant, found.metrics[i], found.spread[i], self.calibration),
@@ -166,8 +170,25 @@ class Tuner:
             checks=checks,
             fit=FittedPlant.of(plant, found, i, alone),
             open_loop=_open_loop(gains.values[i], found, i) if alone else None,
+            response=None if found.response is None else found.response.part(i),
             plant=self.plant,
         )
+
+    def for_target(self, target: Target, rung: Rung) -> "Tuner":
+        """A tuner for another target of the loop, which answers as `rung` did, or from below it.
+
+        A learner knows one target; the fitted plant and the black box serve any, by the design
+        rule.
+
+        Raises
+        ------
+        ValueError
+            The plant has one target only.
+        """
+        alone = rung >= Rung.BLACK_BOX or self.method.rungs == (Rung.BLACK_BOX,)
+        method = BlackBoxRule() if alone else Fitted()
+        plant = with_target(self.plant, target)
+        return Tuner(plant, method, self.training, self.calibration, self.exact_calibration)
 
     def assess(self, recording: Recording, start: str = "auto") -> tuple[Gains, Assessment]:
         """Gains for every episode as `tune` gives them, and their assessment."""

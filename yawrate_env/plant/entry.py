@@ -14,6 +14,7 @@ import sys
 import tomllib
 from collections.abc import Mapping
 from copy import copy
+from dataclasses import asdict
 from importlib import invalidate_caches
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -21,8 +22,12 @@ from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import Any
 
+from yawrate_env.loop.target import Target
 from yawrate_env.plant.calls import call, one_line
 from yawrate_env.plant.plant import Plant
+
+TARGET = "target"
+"""Argument of an entry that takes the loop's target, as a dict of `Target`'s attributes."""
 
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
@@ -69,6 +74,22 @@ def with_entry(plant: Plant, entry: str, arguments: Mapping[str, Any] = _NONE) -
     object.__setattr__(renamed, "entry", entry)
     object.__setattr__(renamed, "arguments", dict(arguments))
     return renamed
+
+
+def with_target(plant: Plant, target: Target) -> Plant:
+    """The same plant for another target of its loop.
+
+    Raises
+    ------
+    ValueError
+        The plant's entry is no function of its target.
+    """
+    if TARGET not in plant.arguments:
+        raise ValueError(
+            "target: this plant has only one. Give it an entry that is a function of its target, "
+            "as in docs/plants.md, or train a tuner for the other target."
+        )
+    return find(plant.entry, arguments={**plant.arguments, TARGET: asdict(target)})
 
 
 def named(plant: Plant, what: str) -> str:

@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 
 PHASE_SCALE, CROSSOVER_SCALE = 10.0, 0.25
 GAINS = ("kp", "Ti")
+PULSE = 10.0
+"""Length of a plant's pulse response, in periods of the crossover."""
+
 METRICS = {"phase_margin [deg]": PHASE_SCALE, "crossover [Hz]": CROSSOVER_SCALE}
 """With the errors that count as one in the yaw-rate environment."""
 
@@ -94,13 +97,23 @@ class PILoop:
         L = open_loop(loops.transfer_function, kp, Ti, target)(2 * np.pi * frequency)[0]
         return ClosedLoop(
             self._responses(loops.plant, kp, Ti),
-            OpenLoop(frequency, L, found.margins),
+            OpenLoop(frequency, L, found.margins, self._pulse(loops.plant)),
             bool(found.stable[0]),
         )
 
     def loops(self, theta: Array) -> Loops:
         """PI loops around plants (B, p), at the controller's sampling time."""
         return Loops.of(self.discrete(theta, self.target.Ts), self.target)
+
+    def _pulse(self, plant: DiscretePlant) -> Array | None:
+        """Output (K,) for an input of one for one sample; None where it runs away."""
+        samples = pulse_samples(self.target)
+        none, one, at_rest = np.zeros(1), np.ones(1), np.zeros(samples)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found, _ = closed_loop.time_response(
+                plant, none, one, self.target, at_rest, np.eye(1, samples)[0]
+            )
+        return found[0] if np.isfinite(found).all() else None
 
     def _responses(self, plant: DiscretePlant, kp: Array, Ti: Array) -> tuple[Response, Response]:
         """Responses of the output to a step of the reference, and to one of the input."""
@@ -117,6 +130,11 @@ class PILoop:
             Response(titles[0], time, _bounded(step[0]), 1.0, output),
             Response(titles[1], time, _bounded(after[0], at_once), 0.0, output),
         )
+
+
+def pulse_samples(target: Target) -> int:
+    """Samples of a plant's pulse response at the controller's rate."""
+    return round(PULSE / target.crossover / target.Ts) + 1
 
 
 @dataclass(frozen=True, slots=True)

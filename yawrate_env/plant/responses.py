@@ -68,11 +68,15 @@ class OpenLoop:
         (F,) complex128.
     margins : Margins, optional
         A batch of one; read off the response if not given.
+    pulse : NDArray, optional
+        (K,) output of the plant alone at the controller's samples, for an input of one during
+        the first of them, without the controller's computation delay.
     """
 
     frequency: Array
     response: NDArray[np.complex128]
     margins: Margins | None = None
+    pulse: Array | None = None
 
     def __post_init__(self) -> None:
         frequency = _rising("an open loop's frequency", self.frequency)
@@ -87,6 +91,9 @@ class OpenLoop:
         if self.margins is not None:
             remedy = "Give the Margins of one loop, or None."
             validation.instance("an open loop's margins", self.margins, Margins, remedy=remedy)
+        if self.pulse is not None:
+            pulse = validation.finite_array("an open loop's pulse", self.pulse, shape=(None,))
+            object.__setattr__(self, "pulse", pulse)
         object.__setattr__(self, "frequency", frequency)
         object.__setattr__(self, "response", response)
 

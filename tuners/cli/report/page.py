@@ -6,6 +6,7 @@ from typing import Any
 import yawrate_env
 from tuners.cli.report import figures, loops, tables
 from tuners.cli.report.figures import Traces
+from tuners.cli.report.live import live
 from tuners.cli.report.numbers import minus
 from tuners.cli.report.residuals import Residuals
 from tuners.cli.text import (
@@ -70,6 +71,8 @@ def render(result: Result, log: Log, tuner: str) -> str:
         numbers=tables.numbers(result),
         fit=fit,
         loop=loop,
+        live=live(result, log, tuner),
+        responses=tuple(r.title for r in loop.responses) if loop and loop.responses else RESPONSES,
         margins=loops.margins(loop),
         parameters=tables.parameters(result),
         residuals=residuals,
@@ -82,6 +85,8 @@ def render(result: Result, log: Log, tuner: str) -> str:
 
 
 KINDS = "input", "output"
+RESPONSES = "Step of the reference by 1", "Disturbance of the input by 1"
+"""Titles of a loop's responses where the plant names none."""
 
 
 def _title(plant: Plant, log: Log) -> str:

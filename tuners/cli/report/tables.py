@@ -30,7 +30,7 @@ CHECKS = {
     "colour": "Residual's power at the crossover, over white noise",
     "bend": "Growth of the response with the amplitude",
     "halves": "Halves of the recording off the whole, in metrics' limits",
-    "limited": "Target out of the controller's reach",
+    "limited": "Share of the phase margin that is given up",
     "parts": "Spread between parts of the recording, over the widest",
     "louder": "Residual over the noise that the plant declares",
     "pattern": "Residual with a pattern, over simulated output",

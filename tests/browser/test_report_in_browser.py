@@ -1,0 +1,84 @@
+"""The report in Chromium: sliders, keyboard, themes, narrow screens."""
+
+import shutil
+
+import pytest
+from command import log_of, result_of
+
+from tuners.cli.report import write_report
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium"),
+]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as started:
+        opened = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(path, result_of("vehicle"), log_of("vehicle"), "ts-ff-lag-vx")
+    return path
+
+
+@pytest.fixture(params=[(1280, "light"), (768, "dark"), (390, "light")], ids=str)
+def page(browser, report, request):
+    """The open page; whatever it complains of, or asks the network for, fails the test."""
+    width, theme = request.param
+    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=theme)
+    opened, heard = context.new_page(), []
+    opened.on("console", lambda message: heard.append(message.text))
+    opened.on("pageerror", lambda error: heard.append(str(error)))
+    opened.on("request", lambda sent: heard.append(sent.url))
+    opened.goto(report.as_uri())
+    yield opened
+    assert heard == [report.as_uri()]
+    assert opened.evaluate("document.documentElement.scrollWidth") <= width
+    context.close()
+
+
+def told(page, name):
+    return page.locator(f"#live [data-{name}]").inner_text()
+
+
+def test_it_opens_with_the_answer_and_sliders_move_it(page):
+    kp, Ti = result_of("vehicle").gains.values()
+    assert told(page, "gains") == f"Kp {kp:.6g} s, Ti {Ti:.6g} s"
+    before = told(page, "margins")
+    page.locator("#crossover").focus()
+    for _ in range(5):
+        page.keyboard.press("ArrowRight")
+    assert told(page, "margins") != before and float(told(page, "crossover-value")) > 1.5
+    page.locator("#delay").focus()
+    page.keyboard.press("End")
+    assert told(page, "delay-value") == "100"
+    assert "phase margin is given up" in told(page, "message")
+    page.get_by_role("button", name="Back to the answer").click()
+    assert told(page, "margins") == before
+
+
+def test_buttons_copy_or_offer_the_text(page):
+    page.get_by_label("PID").check()
+    assert "Td" in told(page, "gains")
+    assert not page.get_by_role("button", name="Copy C", exact=True).is_visible()
+    page.get_by_label("PI", exact=True).check()
+    page.get_by_role("button", name="Copy C", exact=True).click()
+    page.wait_for_function("document.querySelector('[data-copied]').textContent !== ''")
+    assert "@" not in page.locator("[data-text]").input_value()
+
+
+def test_charts_are_drawn_and_the_still_pictures_hidden(page):
+    assert page.locator("#live canvas").count() == 5
+    assert not page.locator(".still.loop").is_visible()
+    page.emulate_media(media="print")
+    assert page.locator(".still.loop").is_visible()
