@@ -1,7 +1,6 @@
 """Data sets: the same bytes whoever makes them, however often they are interrupted."""
 
 import errno
-import fcntl
 import json
 import os
 import time
@@ -13,6 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from data_sets import EPISODES, SHARD, STAGE, TASK, cars, contents, made, rich, wandering
+from filelock import FileLock
 from first_order import TAU, U, described, design, plant, simulate
 
 from tuners import data
@@ -253,12 +253,11 @@ def test_a_file_or_a_foreign_folder_is_refused(tmp_path):
 
 
 def test_a_folder_is_written_by_one_process(partial):
-    handle = os.open(partial, os.O_RDONLY)  # a lock belongs to what was opened, not to a process
-    fcntl.flock(handle, fcntl.LOCK_EX)
-    with refused(partial, "being written by another process"):
+    before = set(partial.iterdir())
+    with FileLock(partial / ".lock"), refused(partial, "being written by another process"):
         made(partial)
-    os.close(handle)
     made(partial)
+    assert before <= set(partial.iterdir()) and not (partial / ".lock").exists()
 
 
 @pytest.mark.parametrize("at", range(1, 6))

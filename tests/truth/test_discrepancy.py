@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 import tuners
 from tuners.trust.discrepancy import Discrepancy
 from tuners.trust.identification import drawn_to_prior
+from tuners.trust.limits import MESSAGES
 from tuners.trust.residuals import lag_one
 from tuners.trust.verdict import Verdict
 from yawrate_env.plant.plant import Plant
@@ -161,9 +162,7 @@ def test_a_plant_without_gains_is_told_so():
     without, found = (tuners.load("gb", plant).tune(U, y) for y in plant.respond(theta) + noise)
     assert found.verdict == Verdict.USABLE
     assert without.verdict == Verdict.REFUSE
-    assert without.reasons == (
-        "The design rule has no gains for the plant that fits the recording.",
-    )
+    assert without.reasons == (MESSAGES["undesigned"],)
 
 
 @pytest.mark.parametrize("Ts", [TS / 2, 2 * TS])

@@ -8,7 +8,6 @@ can be seen in the folder.
 """
 
 import errno
-import fcntl
 import hashlib
 import os
 from collections.abc import Callable, Iterator
@@ -18,6 +17,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from filelock import FileLock, Timeout
 
 from tuners.data import manifest, shards
 from tuners.data import workers as pool
@@ -32,6 +32,7 @@ from yawrate_env.plant.plant import Plant
 
 Progress = Callable[[str, int, int], None]
 
+_LOCK = ".lock"  # in the folder while it is written, and after a process was killed
 _REMEDIES = {
     errno.ENOSPC: "Free some space",
     errno.EDQUOT: "Free some space",
@@ -137,7 +138,7 @@ def _begun(
         for stale in leftovers(folder / name):
             stale.unlink()
     configuration = recipe.to_json()
-    if not any(folder.iterdir()):
+    if not _names(folder):
         begun = Manifest(configuration)
         begun.write(folder)  # before any work: can it be written at all?
         return begun
@@ -177,32 +178,36 @@ def _owned(folder: Path) -> Iterator[None]:
             raise DatasetError(f"{folder} is a file. Name a folder.")
         made = [place for place in (folder, *folder.parents) if not place.exists()]
         folder.mkdir(parents=True, exist_ok=True)
-        empty = not any(folder.iterdir())
-        handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise DatasetError(f"{folder} is being written by another process. Wait for it.") from None
-    except OSError:
-        pass  # a network file system without locks
+        empty = not _names(folder)
+        lock = FileLock(folder / _LOCK, blocking=False)
+        try:
+            lock.acquire()
+        except Timeout:
+            raise DatasetError(
+                f"{folder} is being written by another process. Wait for it."
+            ) from None
+        except NotImplementedError:
+            pass  # a network file system without locks
     try:
         yield
-    except BaseException:
-        if empty:
-            _undo(folder, made)
-        raise
     finally:
-        os.close(handle)
+        lock.release()
+        with suppress(OSError):  # somebody else's by now
+            (folder / _LOCK).unlink(missing_ok=True)
+            if empty and _names(folder) <= {manifest.FILE}:
+                _undo(folder, made)
+
+
+def _names(folder: Path) -> set[str]:
+    """What a folder holds beside the lock."""
+    return {path.name for path in folder.iterdir()} - {_LOCK}
 
 
 def _undo(folder: Path, made: list[Path]) -> None:
     """Leave no trace of a start that finished no shard."""
-    if {path.name for path in folder.iterdir()} <= {manifest.FILE}:
-        (folder / manifest.FILE).unlink(missing_ok=True)
-        with suppress(OSError):  # somebody else's by now
-            for place in made:
-                place.rmdir()
+    (folder / manifest.FILE).unlink(missing_ok=True)
+    for place in made:
+        place.rmdir()
 
 
 @contextmanager
