@@ -17,7 +17,7 @@ STAMP := $(VENV)/.installed
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 .SUFFIXES:
 .DEFAULT_GOAL := help
-.PHONY: help venv test test-fast lint reproduce results accuracy robustness benchmark models clean
+.PHONY: help venv test test-fast lint reproduce results accuracy robustness benchmark models docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -92,9 +92,13 @@ models: $(STAMP) ## retrain the tuners that the package ships
 		$(BIN)/python scripts/train.py $$name --out tuners/models/$$name.tuner || exit 1; \
 	done
 
+docs: $(STAMP) ## the documentation site in build/docs; a minute
+	@echo "==> sphinx"
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
+
 clean: ## delete caches and build outputs; keeps .venv and runs/
 	@echo "==> clean"
-	@rm -rf build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	@rm -rf build dist docs/reference/generated *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	@find . -name $(VENV) -prune -o -name .git -prune -o \
 		-type d -name __pycache__ -prune -exec rm -rf {} +
 	@find . -name $(VENV) -prune -o -name .git -prune -o \

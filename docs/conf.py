@@ -1,5 +1,6 @@
 """Sphinx configuration: `make docs` builds the site in build/docs."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -18,7 +19,6 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
-    "sphinx.ext.viewcode",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["build", "_templates"]
@@ -29,10 +29,42 @@ html_static_path = ["_static"]
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 autosummary_generate = True
-autodoc_typehints = "signature"
+autodoc_typehints = "none"  # docstrings say more
 autodoc_member_order = "bysource"
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True, "ignore-module-all": True}
 napoleon_numpy_docstring, napoleon_google_docstring = True, False
 napoleon_use_rtype = False
 default_role = "code"
-nitpicky = False
+add_module_names = False
+suppress_warnings = ["ref.python"]  # a name may stand in a package and in its module
+
+
+def setup(app):
+    """Links that work in the repository's files work on the site, too."""
+    app.connect("source-read", relinked)
+    app.connect("autodoc-process-docstring", plain_bars)
+    app.connect("include-read", lambda app, path, parent, text: relinked(app, parent, text))
+
+
+def relinked(app, document, text):
+    """Point links to pages of results at the site's own; leave other files' names as text."""
+    up = "../" * document.count("/")
+    text[0] = re.sub(r"\]\((?:\.\./)?results/([\w.]+\.md)", rf"]({up}results/\1", text[0])
+    text[0] = re.sub(r"\]\((?:\.\./)?docs/([\w.]+\.md)", rf"]({up}\1", text[0])
+    text[0] = re.sub(r"(?<!!)\[([^\]]+)\]\((?:\.\./)+(?!results|figures)[^)]*\)", r"\1", text[0])
+
+
+def plain_bars(app, what, name, object, options, lines):
+    """Show Markdown tables of docstrings as they are; a bar is nothing special elsewhere."""
+    found, inside = [], False
+    for line in lines:
+        row = line.lstrip().startswith("|") and line.rstrip().endswith("|")
+        indent = line[: len(line) - len(line.lstrip())]
+        if row and not inside:
+            found += [f"{indent}::", ""]
+        if inside and not row:
+            found.append("")
+        literal = line.startswith("    ") or "``" in line
+        found.append(f"   {line}" if row else line if literal else line.replace("|", "\\|"))
+        inside = row
+    lines[:] = found
