@@ -4,6 +4,7 @@ Arguments, text, JSON, progress bars and the report.  What a program would call 
 in the library, which neither prints nor exits.
 """
 
+import os
 import sys
 from importlib import import_module
 from typing import Any
@@ -43,6 +44,9 @@ class Commands(click.Group):
         """Import a command's module; each one has its own ``command``."""
         if cmd_name not in COMMANDS:
             return None
+        if cmd_name == "tune":
+            # One recording is too small for BLAS's threads: they would wait for each other.
+            os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         command: click.Command = import_module(f"tuners.cli.{cmd_name}").command
         return command
 
