@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 from numba import njit
 from numba.core.caching import FunctionCache
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 LANES = 16
 
@@ -41,7 +41,7 @@ def kernel(function: _Function) -> _Function:
     }
     compiled: Any = njit(**options)(function)
     with suppress(RuntimeError):
-        compiled._cache = _Cache(function)
+        compiled._cache = _Cache(function)  # type: ignore[no-untyped-call]
     return compiled  # type: ignore[no-any-return]
 
 
@@ -56,7 +56,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]
         """The compiled code for a signature, or None."""
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
 
 def inlined(function: _Function) -> _Function:

@@ -8,5 +8,5 @@ from itertools import product
 
 def fast_length(n: int) -> int:
     """Least product of powers of 2, 3 and 5 that is `n` or more."""
-    odd = [3**i * 5**j for i, j in product(range(n.bit_length()), repeat=2)]
+    odd = [int(3**i * 5**j) for i, j in product(range(n.bit_length()), repeat=2)]
     return min(k << max((-(-n // k) - 1).bit_length(), 0) for k in odd)

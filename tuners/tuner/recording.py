@@ -156,7 +156,7 @@ class Recording:
         return replace(
             self,
             u=self.u[:, held],
-            y=spline(self.y, at),
+            y=spline(self.y, np.asarray(at, dtype=np.float64)),
             Ts=Ts,
             oversampled=max(self.oversampled, self.Ts / Ts),
         )
