@@ -45,7 +45,7 @@ def kernel(function: _Function) -> _Function:
     return compiled  # type: ignore[no-any-return]
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]
+class _Cache(FunctionCache):
     """Numba's cache, without the imports that compiling needs and loading does not.
 
     They take as long as all else that `yawrate tune` does before it reads a log; what compiles
