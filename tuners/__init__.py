@@ -5,16 +5,38 @@ trains one; ``tune(u, y, Ts)`` answers for one recording, ``predict(obs)`` acts 
 plant's environment.  The plants and environments are in `yawrate_env`.
 """
 
-from tuners.catalogue import NAMES, RECIPES, load, train
-from tuners.tuner.recording import Recording
-from tuners.tuner.result import Result
-from tuners.tuner.stages import Recipe
-from tuners.tuner.tuner import Tuner
-from tuners.tuner.tuner_file import TunerFileError
-from yawrate_env.plant.metric import Metric
-from yawrate_env.plant.parameters import LogRange, Normal
-from yawrate_env.plant.parametrisation import Parametrisation
-from yawrate_env.plant.plant import Plant
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tuners.catalogue import NAMES, RECIPES, load, train
+    from tuners.tuner.recording import Recording
+    from tuners.tuner.result import Result
+    from tuners.tuner.stages import Recipe
+    from tuners.tuner.tuner import Tuner
+    from tuners.tuner.tuner_file import TunerFileError
+    from yawrate_env.plant.metric import Metric
+    from yawrate_env.plant.parameters import LogRange, Normal
+    from yawrate_env.plant.parametrisation import Parametrisation
+    from yawrate_env.plant.plant import Plant
+
+_PLACES = {
+    "NAMES": "tuners.catalogue",
+    "RECIPES": "tuners.catalogue",
+    "load": "tuners.catalogue",
+    "train": "tuners.catalogue",
+    "Recording": "tuners.tuner.recording",
+    "Result": "tuners.tuner.result",
+    "Recipe": "tuners.tuner.stages",
+    "Tuner": "tuners.tuner.tuner",
+    "TunerFileError": "tuners.tuner.tuner_file",
+    "Metric": "yawrate_env.plant.metric",
+    "LogRange": "yawrate_env.plant.parameters",
+    "Normal": "yawrate_env.plant.parameters",
+    "Parametrisation": "yawrate_env.plant.parametrisation",
+    "Plant": "yawrate_env.plant.plant",
+}
+"""Where the names are; imported when asked for, so that `yawrate --help` need not wait."""
 
 __all__ = [
     "NAMES",
@@ -32,3 +54,15 @@ __all__ = [
     "load",
     "train",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_PLACES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

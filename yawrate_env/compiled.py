@@ -16,9 +16,12 @@ kernels stay readable beside the equations.  Three choices shape every kernel:
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from numba import njit
+from numba.core.caching import FunctionCache
+from numba.core.runtime.nrt import rtsys
 
 LANES = 16
 
@@ -36,10 +39,24 @@ def kernel(function: _Function) -> _Function:
         "fastmath": {"contract"},
         "error_model": "numpy",
     }
-    try:
-        return njit(cache=True, **options)(function)  # type: ignore[no-any-return]
-    except RuntimeError:
-        return njit(**options)(function)  # type: ignore[no-any-return]
+    compiled: Any = njit(**options)(function)
+    with suppress(RuntimeError):
+        compiled._cache = _Cache(function)  # type: ignore[no-untyped-call]
+    return compiled  # type: ignore[no-any-return]
+
+
+class _Cache(FunctionCache):
+    """Numba's cache, without the imports that compiling needs and loading does not.
+
+    They take as long as all else that `yawrate tune` does before it reads a log; what compiles
+    imports them itself.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled code for a signature, or None."""
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
 
 def inlined(function: _Function) -> _Function:

@@ -101,7 +101,7 @@ def test_the_prior_adds_its_own_information():
     assert (least > 10 * informed).all()
 
 
-def forgotten(theta, u, keys, out):
+def forgotten(theta, u, keys, out, written):
     """Recordings without the noise that the plant is said to have."""
     y = simulate(theta, u, None)
     if out is not None:

@@ -83,7 +83,7 @@ def scoreboard():
 
 
 PAGES = {
-    "table3": lambda: table3.to_markdown(stored("table3")["rows"]),
+    "table3": lambda: table3.page(stored("table3")["rows"]),
     "ratios": lambda: ratios.to_markdown([ratios.Entry(**row) for row in stored("ratios")]),
     "trust": lambda: trusting.to_markdown(stored("trust")),
     "budget": lambda: budget.to_markdown(stored("budget")["rows"]),

@@ -182,17 +182,21 @@ def test_programming_errors_keep_their_traceback(called, monkeypatch):
 @pytest.mark.slow
 def test_the_whole_paper_in_small(called, tmp_path):
     models = {path: path.read_bytes() for path in MODELS.iterdir()}
-    places = ("--results", "new/results", "--figures", "new/figures")
+    places = ("--results", "new/results", "--figures", "new/figures", "--times", "new/times")
     status, out, _ = called("reproduce_paper", "--episodes", 60, "--seed", 4, *places)
     assert status == 0 and [p.name for p in tmp_path.iterdir()] == ["new"]
     results, figures = tmp_path / "new" / "results", tmp_path / "new" / "figures"
     pictures = {path.name: path.read_bytes() for path in figures.iterdir()}
-    assert set(pictures) == {*(f"fig{k}.png" for k in range(4, 9)), "margins.png"}
+    assert set(pictures) == {*(f"fig{k}.png" for k in (4, 5, 6, 8)), "margins.png"}
+    times = tmp_path / "new" / "times"
+    assert {path.name for path in times.iterdir()} == {"fig7.png", "times.json"}
     assert all(content.startswith(b"\x89PNG\r\n") for content in pictures.values())
 
     table = json.loads((results / "table3.json").read_text())
     names = [row["tuner"] for row in table["rows"]]
-    assert names[:3] == ["gb", "ts-ff", "ts-gbm"] and names[-1] == "posterior spread"
+    printed = ["ts-ff-1khz", "ts-ff-100hz", "ts-gbm-1khz", "ts-gbm-100hz"]
+    assert names[:7] == ["gb", *printed, "ts-ff", "ts-gbm"] and names[-1] == "posterior spread"
+    assert [row["tuner"] for row in table["rows"] if row.get("paper")] == ["gb", *printed]
     assert {"ts-ff-gains", "ts-gbm-gains", "ladder", "bb", "vrft", "frit", "nominal"} < set(names)
     assert table["rows"][0]["unstable"] == 0 and table["rows"][0]["phase_margin"]["std"] < 0.02
     assert (results / "table3.md").read_text().strip() == out.strip()

@@ -4,6 +4,7 @@ Arguments, text, JSON, progress bars and the report.  What a program would call 
 in the library, which neither prints nor exits.
 """
 
+import os
 import sys
 from importlib import import_module
 from typing import Any
@@ -13,10 +14,18 @@ try:
 except ImportError:
     sys.exit('error: the yawrate command needs click: pip install "yawrate[tune]"')
 
-import yawrate_env
 from tuners.cli.arguments import example
 
-COMMANDS = ("tune", "train", "excite", "export", "init", "dataset", "completion")
+COMMANDS = {
+    "tune": "Tune a controller from a LOG of a plant's input and output.",
+    "train": "Train a tuner for a vehicle or another plant, and print its accuracy.",
+    "excite": "Write the input signal of the experiment.",
+    "export": "Write a controller, or a tuner, for another program.",
+    "init": "Write a vehicle's file to fill in: the paper's values, each with a comment.",
+    "dataset": "Simulate a data set of episodes, on this machine's cores or on a cluster.",
+    "completion": "Print the script that makes SHELL complete commands and flags.",
+}
+"""The commands, in the order of use, and what the list of them says: it need not import them."""
 
 
 class Commands(click.Group):
@@ -26,10 +35,18 @@ class Commands(click.Group):
         """In the order of use."""
         return list(COMMANDS)
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command's module; each one has its own ``command``."""
         if cmd_name not in COMMANDS:
             return None
+        if cmd_name == "tune":
+            # One recording is too small for BLAS's threads: they would wait for each other.
+            os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         command: click.Command = import_module(f"tuners.cli.{cmd_name}").command
         return command
 
@@ -57,12 +74,27 @@ def _end(message: str, status: int) -> None:
     sys.exit(status)
 
 
+def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+    if value and not ctx.resilient_parsing:
+        import yawrate_env
+
+        click.echo(f"yawrate, version {yawrate_env.__version__}")
+        ctx.exit()
+
+
 @click.group(
     cls=Commands,
     no_args_is_help=True,
     epilog=example("yawrate tune log.csv --report report.html"),
     context_settings={"max_content_width": 96},
 )
-@click.version_option(yawrate_env.__version__, prog_name="yawrate")
+@click.option(
+    "--version",
+    is_flag=True,
+    expose_value=False,
+    is_eager=True,
+    callback=_version,
+    help="Show the version and exit.",
+)
 def main() -> None:
     """Tune a controller from one recording of a plant's input and output."""

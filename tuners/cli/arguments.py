@@ -7,8 +7,6 @@ from typing import Any
 
 import click
 
-from yawrate_env.files import check_folder, check_regular
-
 LARGEST_COUNT = 1e9
 
 
@@ -83,6 +81,8 @@ class Output(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Check the folder and the suffix before any work is done."""
+        from yawrate_env.files import check_folder, check_regular
+
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         inside = self.dir_okay and path.is_dir()
         try:

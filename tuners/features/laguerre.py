@@ -20,7 +20,7 @@ with s after the last sample; for eight functions that halves the pass.
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 
 _SERIAL = 2**18  # multiplications for which OpenBLAS does not yet call its other threads
 _EPISODES = 16
+_LARGEST_KEPT = 2**18  # numbers: the experiment of an environment, asked about again and again
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +127,12 @@ class Laguerre:
         """Both sides, (1 or B, order + E, order + E) and (B, order + E); as for `coefficients`."""
         if len(u) > 1:
             return self._own_inputs(u, y, Ts, extra)
-        phi = np.concatenate([self.regressors(u, Ts)[0], extra])
-        return products(phi, phi)[None], _right_sides(phi, y)
+        kept = _kept if self.order * u.shape[1] <= _LARGEST_KEPT else _of_input
+        phi, gram = kept(self, u.tobytes(), Ts)
+        if len(extra):
+            phi = np.concatenate([phi, extra])
+            gram = products(phi, phi)
+        return gram[None], _right_sides(phi, y)
 
     def regressors(self, u: Array, Ts: float) -> Array:
         """Filtered inputs, (E, order, N)."""
@@ -164,6 +169,15 @@ class Laguerre:
 
     def _discrete_pole(self, Ts: float) -> float:
         return float(np.exp(-self.pole * Ts))
+
+
+def _of_input(functions: Laguerre, u: bytes, Ts: float) -> tuple[Array, Array]:
+    """Regressors (order, N) of one input and their Gram matrix (order, order)."""
+    phi = functions.regressors(np.frombuffer(u)[None], Ts)[0]
+    return phi, products(phi, phi)
+
+
+_kept = lru_cache(maxsize=4)(_of_input)
 
 
 def _right_sides(phi: Array, y: Array) -> Array:

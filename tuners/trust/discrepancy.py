@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
 
+from tuners.trust.fast_length import fast_length
 from tuners.trust.identification import UNIFORM
 
 Array = NDArray[np.float64]
@@ -131,7 +131,7 @@ def _solved(matrix: Array) -> Array:
 
 def _coloured(error: Array, slopes: Array, noise: Array) -> Array:
     """Covariance (B, q, q) of products of slopes and noise, beyond that of white noise."""
-    (N, q), length = slopes.shape[:0:-1], next_fast_len(error.shape[1], real=True)
+    (N, q), length = slopes.shape[:0:-1], fast_length(error.shape[1])
     power = np.abs(np.fft.rfft(error, length)) ** 2 / N
     X = np.fft.rfft(slopes, length) * np.sqrt(2 / length)
     X[..., [0, -1]] /= np.sqrt(2)

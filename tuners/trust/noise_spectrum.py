@@ -8,10 +8,10 @@ frequency weighted inversely to the noise there (generalised least squares).
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
 
 from tuners.features.laguerre import combined, lifted, products
 from tuners.trust.black_box import BlackBox, free_responses
+from tuners.trust.fast_length import fast_length
 from tuners.trust.likely_prior import most_likely
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ def sandwich(
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Covariance (B, 2, 2) of noise times signals (B, 2, N), noise spectra, and any colour (B,)."""
     N = error.shape[1]
-    length, signals = next_fast_len(N, real=True), model.projected(filtered)
+    length, signals = fast_length(N), model.projected(filtered)
     transformed = np.fft.rfft(np.concatenate([error[:, None], signals], axis=1), length)
     E, X = transformed[:, 0], transformed[:, 1:]
     spectra, coloured = _spectrum(model, (E * E.conj()).real / N, length, crossover)
@@ -54,7 +54,7 @@ def weighted(
     Z, _ = free_responses(functions, N, model.Ts)
     phi = functions.regressors(model.u[i % len(model.u)][None], model.Ts)[0]
     signals = np.concatenate([phi, Z[: model.extra[i]], model.y[i][None]])
-    length, n = next_fast_len(N, real=True), len(phi)
+    length, n = fast_length(N), len(phi)
     sides = _sides(length // 2 + 1)
     X = _stacked(np.fft.rfft(signals, length) * np.sqrt(sides / length))
     spectrum = np.tile(spectrum, 2)

@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tuners.tuner.spline import spline
 from yawrate_env import validation
 from yawrate_env.plant.names import split
 from yawrate_env.plant.observations import signals
@@ -146,19 +147,16 @@ class Recording:
         """
         if np.isclose(self.Ts, Ts, rtol=1e-6):
             return self
-        from scipy.interpolate import make_interp_spline
-
         N = self.y.shape[1]
         if N < 4:
             raise ValueError(f"{N} samples are too few to interpolate. Record for longer.")
         at = np.arange(int(np.floor((N - 1) * self.Ts / Ts + 0.1)) + 1) * (Ts / self.Ts)
         # What holds over the larger part of a sample: clocks may differ by a few ppm.
         held = np.minimum(np.floor(at + min(Ts / self.Ts, 1.0) / 2), N - 1).astype(np.intp)
-        y = make_interp_spline(np.arange(N), self.y, k=3, axis=1)(at)
         return replace(
             self,
             u=self.u[:, held],
-            y=np.ascontiguousarray(y),
+            y=spline(self.y, np.asarray(at, dtype=np.float64)),
             Ts=Ts,
             oversampled=max(self.oversampled, self.Ts / Ts),
         )

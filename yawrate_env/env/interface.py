@@ -12,10 +12,11 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from yawrate_env import validation
+from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.plant.action_bounds import action_bounds, corners
 from yawrate_env.plant.episodes import Draw, integers_of, prior_gains
 from yawrate_env.plant.names import ORACLE, split
-from yawrate_env.plant.observations import signals
+from yawrate_env.plant.observations import complete, signals
 from yawrate_env.plant.parametrisation import scale_to_bounds
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.reward import defined
@@ -109,16 +110,36 @@ class Interface:
         return pins
 
     def begin(
-        self, integers: NDArray[np.uint64], pins: Mapping[str, Array], rng: np.random.Generator
-    ) -> tuple[Array, Observation]:
-        """Parameters (B, p) and observations of episodes from random integers (B, n)."""
+        self,
+        integers: NDArray[np.uint64],
+        pins: Mapping[str, Array],
+        rng: np.random.Generator,
+        out: Observation,
+        copy: Observation | None = None,
+    ) -> Array:
+        """Parameters (B, p) of episodes from random integers (B, n).
+
+        Parameters
+        ----------
+        out : (B, 2 + m, samples) float32
+            Where the observations are written.
+        copy : (B, 2 + m, samples) float32, optional
+            Where they are written as well.
+        """
         draw = Draw.of(self.plant, integers)
         for i, values in zip(self.plant.indices(pins), pins.values(), strict=True):
             draw.theta[:, i] = values
-        obs = self._empty(len(integers))
-        self.plant.measure(draw.theta, draw.u, draw.keys, rng, out=obs[:, 1])
-        self._check_finite(draw.theta, obs[:, 1])
-        return draw.theta, self._completed(obs, draw.u, draw.theta)
+        obs = out if self.decimate == 1 else self._empty(len(out))
+        rest = _Rest(obs, draw.u, self._visible(draw.theta), *self._output_bounds, copy)
+        self.plant.measure(draw.theta, draw.u, draw.keys, rng, obs[:, 1], rest)
+        if not rest.within.all():
+            self._check_finite(draw.theta, obs[:, 1])
+            self._clip(obs)
+        if obs is not out:
+            out[...] = averaged(obs, self.decimate)
+        if copy is not None and not (obs is out and rest.within.all()):
+            copy[...] = out
+        return draw.theta
 
     def observe(self, u: Array, y: NDArray[np.floating], theta: Array) -> Observation:
         """Observations of episodes that are already recorded.
@@ -134,7 +155,11 @@ class Interface:
         """
         obs = self._empty(len(y))
         obs[:, 1] = y
-        return self._completed(obs, u, theta)
+        rest = _Rest(obs, np.atleast_2d(u), self._visible(theta), *self._output_bounds)
+        over_blocks(rest, len(obs), LANES)
+        if not rest.within.all():
+            self._clip(obs)
+        return obs if self.decimate == 1 else averaged(obs, self.decimate).astype(np.float32)
 
     def recordings(self, obs: ArrayLike) -> tuple[Array, Array, Array]:
         """Inputs (1 or B, N), outputs (B, N) and parameters (B, p) of observations (B, rows, N).
@@ -172,13 +197,15 @@ class Interface:
     def _empty(self, count: int) -> Observation:
         return np.empty((count, 2 + len(self.visible), len(self.plant.u)), dtype=np.float32)
 
-    def _completed(self, obs: Observation, u: Array, theta: Array) -> Observation:
-        """Fill in the rows around the output, row 1, and decimate."""
-        obs[:, 0] = u
-        low, high = self.observation_space.low[1, 0], self.observation_space.high[1, 0]
-        np.clip(obs[:, 1], low, high, out=obs[:, 1])
-        obs[:, 2:] = theta[:, self.plant.indices(self.visible), None]
-        return obs if self.decimate == 1 else averaged(obs, self.decimate).astype(np.float32)
+    def _visible(self, theta: Array) -> Array:
+        return theta[:, self.plant.indices(self.visible), None]
+
+    def _clip(self, obs: Observation) -> None:
+        np.clip(obs[:, 1], *self._output_bounds, out=obs[:, 1])
+
+    @property
+    def _output_bounds(self) -> tuple[np.float32, np.float32]:
+        return self.observation_space.low[1, 0], self.observation_space.high[1, 0]
 
     def _check_finite(self, theta: Array, y: Observation) -> None:
         if np.isfinite(y).all():
@@ -189,6 +216,37 @@ class Interface:
             f"The output with {', '.join(f'{name} = {value:.4g}' for name, value in names)} is "
             "not finite: this plant is unstable. Choose other parameters, or check the simulator."
         )
+
+
+class _Rest:
+    """The rows of observations around the output, written while a block is in the cache.
+
+    Attributes
+    ----------
+    within : NDArray
+        (B,) whether all of an episode's output lies within the bounds.
+    """
+
+    def __init__(
+        self,
+        obs: Observation,
+        u: Array,
+        visible: Array,
+        low: np.float32,
+        high: np.float32,
+        copy: Observation | None = None,
+    ) -> None:
+        self._obs, self._u, self._visible, self._copy = obs, u, visible, copy
+        self._bounds = low, high
+        self.within = np.zeros(len(obs), dtype=np.bool_)
+
+    def __call__(self, i: int, j: int) -> None:
+        """Complete episodes i to j."""
+        obs, u = self._obs[i:j], self._u if len(self._u) == 1 else self._u[i:j]
+        obs[:, 2:] = self._visible[i:j]
+        complete(obs, u, *self._bounds, self.within[i:j])
+        if self._copy is not None and self._copy.shape == self._obs.shape:
+            self._copy[i:j] = obs
 
 
 def action_box(plant: Plant) -> Box:

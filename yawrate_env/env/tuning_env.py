@@ -55,7 +55,8 @@ class TuningEnv(gymnasium.Env[Observation, Array]):
         pins = self.interface.pins(copied(options), 1)
         super().reset(seed=seed)
         integers = self.np_random.bit_generator.random_raw(self.interface.integers)[None]
-        self._theta, obs = self.interface.begin(integers, pins, self.np_random)
+        obs = np.empty((1, *self.observation_space.shape), dtype=np.float32)
+        self._theta = self.interface.begin(integers, pins, self.np_random, obs)
         self._obs, self._gains = obs[0], None
         return self._obs.copy(), {}
 

@@ -11,6 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from yawrate_env import validation
+from yawrate_env.env.buffers import Buffers
 from yawrate_env.env.interface import Array, Interface, Observation, copied
 from yawrate_env.plant.entry import find
 from yawrate_env.plant.plant import Plant
@@ -26,6 +27,9 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
     Sub-environment i has a random generator of its own and repeats, bit for bit, what a
     scalar environment seeded like it does.  Only what is random inside a simulator comes from
     the first sub-environment's generator.
+
+    Observations are the caller's to keep: the memory that they lie in is written again only after
+    the last array that shows it is gone, so that a loop needs no fresh memory.
 
     Parameters
     ----------
@@ -50,6 +54,7 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
         self._seeds: list[int] = []
         self._theta: Array | None = None
         self._obs: Observation | None = None
+        self._buffers = Buffers((self.num_envs, *interface.observation_space.shape), np.float32)
 
     @property
     def plant(self) -> Plant:
@@ -78,9 +83,7 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
         mask = self._reset_mask(given.pop("reset_mask", None))
         pins = self.interface.pins(given, self.num_envs)
         self._seed(seed, mask)
-        self._renew(mask, pins)
-        assert self._obs is not None
-        return self._obs.copy(), {}
+        return self._renew(mask, pins), {}
 
     def step(self, actions: Array) -> tuple[Observation, Array, Flags, Flags, dict[str, Any]]:
         """Evaluate every sub-environment's gains and start its next episode."""
@@ -95,9 +98,8 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
         final_info: dict[str, Any] = {}
         for name, values in info.items():
             final_info[name], final_info[f"_{name}"] = values, everyone.copy()
-        self._renew(everyone, {})
         return (
-            self._obs.copy(),
+            self._renew(everyone, {}),
             reward,
             everyone.copy(),
             ~everyone,
@@ -109,18 +111,23 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
             },
         )
 
-    def _renew(self, mask: Flags, pins: Mapping[str, Array]) -> None:
-        """Draw and record new episodes where `mask` is true."""
+    def _renew(self, mask: Flags, pins: Mapping[str, Array]) -> Observation:
+        """Draw and record new episodes where `mask` is true; what the caller gets of all."""
         generators, chosen = self._own_generators(), np.flatnonzero(mask)
         count = self.interface.integers
         integers = np.stack([generators[i].bit_generator.random_raw(count) for i in chosen])
         pinned = {name: values[chosen] for name, values in pins.items()}
-        theta, obs = self.interface.begin(integers, pinned, generators[0])
+        obs, shown = self._buffers.empty(), self._buffers.empty()
         if self._theta is None or self._obs is None or mask.all():
-            self._theta, self._obs = theta, obs
-            return
-        self._theta, self._obs = self._theta.copy(), self._obs.copy()
-        self._theta[chosen], self._obs[chosen] = theta, obs
+            self._theta = self.interface.begin(integers, pinned, generators[0], obs, shown)
+        else:
+            part = np.empty((len(chosen), *obs.shape[1:]), dtype=np.float32)
+            theta = self._theta.copy()
+            theta[chosen] = self.interface.begin(integers, pinned, generators[0], part)
+            obs[:], obs[chosen], self._theta = self._obs, part, theta
+            shown[...] = obs
+        self._obs = obs
+        return shown
 
     def _reset_mask(self, mask: Any) -> Flags:
         if mask is None:

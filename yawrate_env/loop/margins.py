@@ -325,7 +325,9 @@ def _margins(
                 nearest = i
         modulus = _nearest(*loop, grid[max(nearest - 1, 0)], grid[min(nearest + 1, last)])
 
-        phase = np.angle(-_at(*loop, crossover))
+        opposite = -_at(*loop, crossover)
+        # Not np.angle, with which Numba imports SciPy's linear algebra.
+        phase = np.arctan2(opposite.imag, opposite.real)
         found[b, 0] = np.degrees(phase)
         found[b, 1] = crossover / (2.0 * np.pi)
         found[b, 2] = gain_margin * (20.0 / np.log(10.0))

@@ -69,16 +69,10 @@ def simulate_into(
     (stop - start,) float64
         Each response's sum of squares; a pass of its own over `y` would wait for memory.
     """
-    rows = np.minimum(np.arange(start, start + LANES), stop - 1)
-    own_input = rows if len(u) > 1 else np.zeros_like(rows)
-    n = form.beta.shape[1]
-    work = np.zeros((3 * n + 4, LANES))
-    work[:n], work[n : 2 * n] = form.alpha[rows].T, form.beta[rows].T
-    if w0 is not None:
-        work[2 * n : 3 * n] = w0[rows].T
-    work[3 * n + 2] = form.centre[rows]
-    _recursion(n)(work.reshape(-1), u, own_input, y)
-    return work[-1, : stop - start]
+    squares = np.empty(stop - start)
+    rest = np.zeros((len(form), form.beta.shape[1])) if w0 is None else w0
+    _recursion(form.beta.shape[1])(form.alpha, form.beta, form.centre, rest, u, start, y, squares)
+    return squares
 
 
 @cache
@@ -95,11 +89,24 @@ def _recursion(n: int) -> Any:
 
     @kernel
     def recursion(
-        work: NDArray[np.float64],
+        alpha: NDArray[np.float64],
+        beta: NDArray[np.float64],
+        centre: NDArray[np.float64],
+        w0: NDArray[np.float64],
         u: NDArray[np.float64],
-        own_input: NDArray[np.int64],
+        start: int,
         y: NDArray[np.float64],
+        squares: NDArray[np.float64],
     ) -> None:
+        work, own_input = np.zeros((3 * n + 4) * LANES), np.zeros(LANES, np.int64)
+        for lane in range(LANES):
+            plant = start + min(lane, len(y) - 1)
+            own_input[lane] = plant if len(u) > 1 else 0
+            work[CENTRE + lane] = centre[plant]
+            for i in range(n):
+                at = i * LANES + lane
+                work[at], work[BETA + at] = alpha[plant, i], beta[plant, i]
+                work[STATE + at] = w0[plant, i]
         for k in range(u.shape[1]):
             for lane in range(LANES):
                 work[COMMAND + lane] = u[own_input[lane], k]
@@ -116,5 +123,7 @@ def _recursion(n: int) -> Any:
                     work[STATE + at] = state
             for lane in range(len(y)):
                 y[lane, k] = work[OUTPUT + lane]
+        for lane in range(len(y)):
+            squares[lane] = work[SQUARES + lane]
 
     return recursion

@@ -32,6 +32,7 @@ Flags = NDArray[np.bool_]
 Integers = NDArray[np.uint64]
 Noise = float | Callable[[Array], Array]
 Out = NDArray[np.floating] | None
+Written = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,9 +135,10 @@ class Plant(Parameters):
     extrapolation : dict, optional
         Ranges of some parameters outside the prior, for the ``extrapolation`` set of episodes.
     record : callable, optional
-        For speed: ``record(theta, u, keys, out)``, simulation and noise in one, for inputs (1, N)
-        or (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`; where `out` (B, N)
-        is not None the outputs are written there.
+        For speed: ``record(theta, u, keys, out, written)``, simulation and noise in one, for inputs
+        (1, N) or (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`; where `out`
+        (B, N) is not None the outputs are written there, and ``written(i, j)`` is called, from any
+        thread, once episodes i to j are.
     sensitivity : Sensitivity, optional
         For speed: exact slopes of the output, with which its parameters are found from one start
         instead of several; by differences if omitted.
@@ -199,7 +201,7 @@ class Plant(Parameters):
     entry: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)
     extrapolation: Mapping[str, Range] = field(default_factory=dict)
-    record: Callable[[Array, Array, Integers, Out], NDArray[np.floating]] | None = None
+    record: Callable[[Array, Array, Integers, Out, Written], NDArray[np.floating]] | None = None
     sensitivity: Sensitivity | None = None
     linear_model: "Plant | None" = None
     search_limits: Mapping[str, Range] = field(default_factory=dict)
@@ -252,20 +254,28 @@ class Plant(Parameters):
         return u
 
     def measure(
-        self, theta: Array, u: Array, keys: Integers, rng: Any = None, out: Out = None
+        self,
+        theta: Array,
+        u: Array,
+        keys: Integers,
+        rng: Any = None,
+        out: Out = None,
+        written: Written = lambda i, j: None,
     ) -> Array:
         """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4).
 
         They are written into `out` (B, N) float32 or float64, if given; it may be a strided view.
+        ``written(i, j)`` is called once episodes i to j are there, from any thread.
         """
         if self.record is not None:
-            return np.asarray(call("record", self.record, theta, u, keys, out))
+            return np.asarray(call("record", self.record, theta, u, keys, out, written))
         clean = np.ascontiguousarray(self.respond(theta, u, rng))
         sigma = self.sigma(clean).copy()
         measured: Array = np.empty_like(clean) if out is None else out  # type: ignore[assignment]
 
         def work(i: int, j: int) -> None:
             add_white_noise(clean[i:j], sigma[i:j], keys[i:j], measured[i:j])
+            written(i, j)
 
         over_blocks(work, len(clean), LANES)
         return np.asarray(measured)

@@ -1,5 +1,7 @@
 """Vehicles' experiments: discrete plants, loops, steering commands and noisy yaw rates, batched."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,6 +45,7 @@ def respond(
     u: NDArray[np.float64],
     key: NDArray[np.uint64],
     out: NDArray[np.floating] | None = None,
+    written: Callable[[int, int], None] = lambda i, j: None,
 ) -> NDArray[np.floating]:
     """Measured yaw rates (B, N) [rad/s] of vehicles steered by (1 or B, N) [rad].
 
@@ -52,6 +55,8 @@ def respond(
         The noise streams.
     out : (B, N) float32 or float64, optional
         Where the yaw rates go; may be a strided view.
+    written : callable
+        ``written(i, j)`` is called once those of vehicles i to j are there, from any thread.
     """
     experiment = task.experiment
     simulate = task.twin.simulator(task.vehicle, context, u, experiment.Ts)
@@ -63,6 +68,7 @@ def respond(
         squares = simulate(clean, i, j)
         sigma = noise_over_signal * np.sqrt(squares / experiment.N)
         add_white_noise(clean, sigma, key[i:j], y[i:j])
+        written(i, j)
 
     over_blocks(work, len(context), LANES)
     return y

@@ -21,7 +21,7 @@ from yawrate_env.plant.noise import snr
 from yawrate_env.plant.parameters import Range
 from yawrate_env.plant.parametrisation import loop
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE, PILoop
-from yawrate_env.plant.plant import Out, Plant
+from yawrate_env.plant.plant import Out, Plant, Written
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.suspect import Suspect
 from yawrate_env.vehicle.actuator import actuated
@@ -211,9 +211,11 @@ class Vehicles:
         prior = replace(task.prior, **constants)
         return yaw_rate.__wrapped__(replace(task, prior=prior, experiment=experiment), check=False)
 
-    def record(self, theta: Array, u: Array, keys: Integers, out: Out) -> NDArray[np.floating]:
+    def record(
+        self, theta: Array, u: Array, keys: Integers, out: Out, written: Written
+    ) -> NDArray[np.floating]:
         """Measured yaw rates, as the environment has them."""
-        return respond(self.task, self.context(theta), u, keys, out)
+        return respond(self.task, self.context(theta), u, keys, out, written)
 
     def excite(self, integers: Integers) -> Array:
         """A random register for each."""

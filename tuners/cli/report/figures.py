@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
@@ -157,6 +158,10 @@ def svg(picture: Figure, name: str) -> str:
     """Markup to put into a page: scales with it, and uses the page's font."""
     text = io.StringIO()
     with style.context(["default", STYLE, {"svg.hashsalt": name}]):
+        FigureCanvasSVG(picture)
+        if (layout := picture.get_layout_engine()) is not None:
+            layout.execute(picture)  # left to savefig, all is drawn once more for it
+            picture.set_layout_engine("none")
         picture.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     markup = text.getvalue()[text.getvalue().index("<svg") :]
     markup = re.sub(r"<metadata>.*?</metadata>", "", markup, flags=re.DOTALL)
