@@ -31,7 +31,7 @@ class Log:
     t0 : float
         Time of the first sample, as the recording counts it [s].
     u, y : NDArray
-        (N,) input, held over a sampling time, and measured output.
+        (N,) input and measured output.
     Ts : float
         Sampling time [s].
     measured : dict
@@ -42,6 +42,8 @@ class Log:
         How the input excites the plant.
     recorded_Ts : float
         Sampling time of the file [s]; `Ts` is shorter after `through_actuator`.
+    input : {"held", "lines"}
+        How the input runs between its samples.
     """
 
     source: str
@@ -53,6 +55,7 @@ class Log:
     notes: tuple[str, ...]
     excitation: Excitation
     recorded_Ts: float
+    input: str = "held"
 
     @property
     def time(self) -> Array:
@@ -96,8 +99,14 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
     excited = excitation.check(plant, u, y, parameters, base.Ts)
     notes = (*table.notes, *lost, *found.notes, *base.notes, *chosen, *assumed, *excited.notes)
     t0 = float(base.grid[part.start])
-    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts)
+    hold = "held" if options.input_is == "measured" else options.between or plant.input
+    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts, hold)
     return log if options.input_is == "command" else _whole_plant(log, plant)
+
+
+def _held(plant: Plant, options: Options) -> bool:
+    """Whether the input's column keeps its value until the next row."""
+    return options.input_is == "command" and (options.between or plant.input) == "held"
 
 
 def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
@@ -106,7 +115,7 @@ def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
         clock="output",
         least=excitation.SHORTEST * len(plant.u) * plant.Ts,
         pace=pace_of(plant),
-        held=("input",) if options.input_is == "command" else (),
+        held=("input",) if _held(plant, options) else (),
         slow=tuple(name for name in plant.measured if name in found),
         Ts=options.Ts,
         begin=None if plant.linear else -np.inf if options.start is None else options.start,

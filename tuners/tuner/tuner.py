@@ -85,7 +85,8 @@ class Tuner:
 
     def gains(self, recording: Recording) -> Gains:
         """Gains for every episode; none without excitation, for methods that need it."""
-        return self._excited(recording, self.method.gains(self.plant, recording))
+        held = recording.resampled(recording.Ts)
+        return self._excited(held, self.method.gains(self.plant, held))
 
     def tune(
         self,
@@ -94,6 +95,7 @@ class Tuner:
         Ts: float | None = None,
         measured: Mapping[str, ArrayLike] | None = None,
         start: str = "auto",
+        input: str | None = None,
         **parameters: ArrayLike | None,
     ) -> Result:
         """Tune from one recording, and check with it whether to trust the gains.
@@ -103,8 +105,7 @@ class Tuner:
         u, y : (N,)
             Input and measured output, in the plant's units.
         Ts : float, optional
-            Sampling time [s].  Where it is not the plant's, the input is held between samples
-            and the output follows a cubic spline.
+            Sampling time [s].  Where it is not the plant's, the output follows a cubic spline.
         measured : dict, optional
             The plant's measured parameters: one value each, or one a sample.
         start : {"auto", "rest", "offset", "unknown"}
@@ -112,6 +113,9 @@ class Tuner:
             output is an unknown constant, or in motion, in which case initial state, offset and
             trend are estimated too; found from the data if "auto".
             For plants whose responses do not add up the data cannot say, and rest is assumed.
+        input : {"held", "lines"}, optional
+            Whether the input keeps a sample's value until the next, or is joined by lines; as the
+            plant's recordings do if omitted.
         **parameters
             Measured parameters by name, as in ``v_x=18.0``.
 
@@ -125,7 +129,7 @@ class Tuner:
             raise ValueError(f"measured = {measured!r} is not a dict. Give {{name: value}}.")
         if twice := sorted(measured.keys() & parameters.keys()):
             raise ValueError(f"{twice[0]} is given twice. Leave out one of the two.")
-        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters})
+        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters}, input)
         return self.results(given, start)[0]
 
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:

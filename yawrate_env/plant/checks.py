@@ -11,6 +11,7 @@ from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import CHECKS, OF_METRICS, check_name, check_unique, split
 from yawrate_env.plant.parameters import Spread, spread
 from yawrate_env.plant.parametrisation import Parametrisation
+from yawrate_env.signals.hold import HOLDS
 
 Check = Callable[[str, Any], Any]
 
@@ -215,6 +216,7 @@ _SETTINGS: dict[str, Check] = {
     ),
     "linear": validation.flag,
     "batched": validation.flag,
+    "input": partial(validation.one_of, choices=HOLDS),
     "plausible": partial(_pair, example="(1.0, 20.0)", first=_largest, second=_largest),
     "signals": partial(
         _pair, example='("voltage [V]", "speed [rad/s]")', first=validation.text,

@@ -95,6 +95,9 @@ class Plant(Parameters):
         mean wrong units.
     batched : bool
         Whether the functions take B plants at once, or ``(p,)`` and ``(k,)`` of one.
+    input : {"held", "lines"}
+        Whether the inputs of recordings keep a sample's value until the next, as a digital
+        output does, or are joined by lines.  The simulator's own input is held.
     signals : tuple of str
         Names of input and output in pictures and logs, with units in brackets:
         ``speed [rad/s]``.
@@ -187,6 +190,7 @@ class Plant(Parameters):
     crossover: float | None = None
     plausible: tuple[float, float] = (np.inf, np.inf)
     batched: bool = True
+    input: str = "held"
     signals: tuple[str, str] = ("u", "y")
     labels: Mapping[str, str] = field(default_factory=dict)
     synonyms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
