@@ -95,7 +95,8 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
   that acts alike, to 1 % where the input has no frequencies above a fifth of the sampling rate; for
   faster ones describe the plant with a shorter sampling time.
 - **Stretch**: of a log longer than two experiments the best-excited part is used, for plants
-  with `linear=True`. Others start from rest and are used from the first sample on.
+  with `linear=True` or `initial` states. Others start from rest and are used from the first
+  sample on.
 - **`--Ts`** takes the place of a time column: beside `--time-column` or `--time-unit` it is
   refused.
 - **`--start auto`** means `rest` for plants whose responses do not add up.

@@ -104,13 +104,18 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
     return log if options.input_is == "command" else _whole_plant(log, plant)
 
 
+def _anytime(plant: Plant) -> bool:
+    """Whether a recording may begin in any state of the plant."""
+    return plant.linear or bool(plant.initial)
+
+
 def _held(plant: Plant, options: Options) -> bool:
     """Whether the input's column keeps its value until the next row."""
     return options.input_is == "command" and (options.between or plant.input) == "held"
 
 
 def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
-    """How the quantities come to one grid; a nonlinear plant's recording starts at rest."""
+    """How the quantities come to one grid; some plants' recordings start at rest."""
     return Plan(
         clock="output",
         least=excitation.SHORTEST * len(plant.u) * plant.Ts,
@@ -118,7 +123,7 @@ def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
         held=("input",) if _held(plant, options) else (),
         slow=tuple(name for name in plant.measured if name in found),
         Ts=options.Ts,
-        begin=None if plant.linear else -np.inf if options.start is None else options.start,
+        begin=None if _anytime(plant) else -np.inf if options.start is None else options.start,
     )
 
 
@@ -128,7 +133,7 @@ def _stretch(
     """The chosen part, or that of the best excitation; a plant that starts at rest starts there."""
     if options.start is not None or options.stop is not None:
         return between(base.grid, options.start, options.stop), []
-    if not plant.linear:
+    if not _anytime(plant):
         return slice(0, len(base.grid)), []
     steady = [signals[name] for name in plant.measured if name in signals]
     length = LONGEST * len(plant.u) * plant.Ts

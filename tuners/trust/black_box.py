@@ -69,6 +69,9 @@ class BlackBox:
         (B or 1, n, n) inverse of their covariance for noise of variance one.
     residual : NDArray
         (B,) sum of squares that is left.
+    kept : int
+        How many of the signals of `free_responses` were fitted and not subtracted, since the plant
+        is nonlinear.
     """
 
     functions: Laguerre
@@ -82,6 +85,7 @@ class BlackBox:
     coefficients: Array
     information: Array
     residual: Array
+    kept: int = 0
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
@@ -194,7 +198,8 @@ def black_box(
     start : {"auto", "rest", "offset", "unknown"}
         Whether recordings start from rest without offsets, at an operating point, whose output is
         an unknown constant, or anyhow; decided by the data if "auto".  For a nonlinear plant the
-        data cannot decide: nothing is subtracted, but the reference model has the constant.
+        data cannot decide: nothing is subtracted, but the reference model has the constant, or
+        all of them if the plant names initial states.
     """
     validation.one_of("start", start, STARTS)
     N, Ts = y.shape[1], plant.Ts
@@ -209,7 +214,7 @@ def black_box(
     Z, constant = free_responses(functions, N, Ts)
     levels = {"rest": (0,), "offset": (1,), "unknown": (len(Z),)}.get(start, (0, 1, 2, len(Z)))
     if not plant.linear and start == "auto":
-        levels = (1,)
+        levels = (len(Z),) if plant.initial else (1,)
     Z = Z[: levels[-1]]
     gram, right = functions.normal_equations(u, y, Ts, Z)
     energy = np.einsum("bn,bn->b", y, y)
@@ -232,6 +237,7 @@ def black_box(
     return BlackBox(
         functions, u, y - free, Ts, oversampled, removed, free, z @ constant[: len(Z)],
         best.coefficients, best.information, best.residual,
+        levels[-1] if plant.initial and start == "auto" else 0,
     )  # fmt: skip
 
 

@@ -32,6 +32,7 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
     for name, check in _OF_PARAMETERS.items():
         plant[name] = _mapping(name, plant[name], check, tuple(plant["prior"]))
     roles = ("input", "output", *plant["measured"])
+    _check_initial(plant)
     plant["synonyms"] = _mapping("synonyms", plant["synonyms"], _texts, roles)
     plant["metrics"] = _metrics(plant["metrics"], plant["gains"], plant["evaluate"] is not None)
     if plant["crossover"] is not None:
@@ -150,6 +151,19 @@ def _metrics(given: Any, gains: tuple[str, ...], evaluated: bool) -> dict[str, M
     return {f"{_RELATIVE}{n}": scales.get(n, Metric(RELATIVE_ERROR)) for n in gains}
 
 
+def _check_initial(plant: Mapping[str, Any]) -> None:
+    """A recording's initial states are unknown parameters of a nonlinear plant."""
+    for name in plant["initial"]:
+        validation.one_of("initial's parameter", name, tuple(plant["prior"]))
+        if name in plant["measured"]:
+            raise ValueError(f"initial {name!r} is measured, too. Leave out one of the two.")
+    if plant["initial"] and plant["linear"]:
+        raise ValueError(
+            f"initial = {plant['initial']!r}: of a linear plant every initial state is estimated "
+            "without it. Leave it out, and simulate from rest."
+        )
+
+
 def _check_limits(limits: Mapping[str, Any], prior: Mapping[str, Any]) -> None:
     for name, (low, high) in limits.items():
         least, most = prior[name]
@@ -207,6 +221,7 @@ _SETTINGS: dict[str, Check] = {
     "design": validation.function,
     **dict.fromkeys(_OPTIONAL, partial(validation.function, optional=True)),
     "gains": _gains,
+    "initial": _texts,
     "u": _input,
     "Ts": partial(validation.number, above=0.0, remedy="Give the sampling time in seconds."),
     "noise": _noise,

@@ -135,6 +135,7 @@ class Parameters:
 
     prior: Mapping[str, Spread]
     measured: Mapping[str, float]
+    initial: tuple[str, ...]
     search_limits: Mapping[str, Range]
     labels: Mapping[str, str]
 
@@ -179,6 +180,12 @@ class Parameters:
     def measured_names(self) -> tuple[str, ...]:
         """Names of the measured parameters that the prior leaves open."""
         return tuple(name for name in self.prior if name in self.measured and self._open(name))
+
+    @property
+    def lasting(self) -> NDArray[np.bool_]:
+        """(q,) which unknown parameters are the plant's, and not a recording's initial state."""
+        begin = self.indices(self.initial)
+        return np.asarray(~np.isin(self.unknown, begin))
 
     def indices(self, names: Iterable[str]) -> list[int]:
         """Indices of the parameters with these names."""

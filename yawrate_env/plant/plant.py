@@ -81,6 +81,9 @@ class Plant(Parameters):
     measured : dict, optional
         Parameters that are measured with every recording, such as a speed or a load, to how
         far outside the prior's range they may lie.
+    initial : tuple of str
+        Parameters of the prior that are states in which a recording begins, of a nonlinear plant:
+        rule and metrics do not depend on them.  Recordings may then begin at any time.
     excite : callable, optional
         ``excite(integers)``: random 64-bit integers (B,) to inputs (B, N), where every episode
         has an input of its own; `u` is then an example.
@@ -185,6 +188,7 @@ class Plant(Parameters):
     target: tuple[float, ...] | None = None
     parametrisation: Parametrisation = LOG
     measured: Mapping[str, float] = field(default_factory=dict)
+    initial: tuple[str, ...] = ()
     excite: Callable[[Integers], Array] | None = None
     linear: bool = False
     crossover: float | None = None
