@@ -33,6 +33,8 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
         plant[name] = _mapping(name, plant[name], check, tuple(plant["prior"]))
     roles = ("input", "output", *plant["measured"])
     _check_initial(plant)
+    if plant["integrating"] and not plant["linear"]:
+        raise ValueError("integrating is for plants that are linear. Set linear, or leave it out.")
     plant["synonyms"] = _mapping("synonyms", plant["synonyms"], _texts, roles)
     plant["metrics"] = _metrics(plant["metrics"], plant["gains"], plant["evaluate"] is not None)
     if plant["crossover"] is not None:
@@ -230,6 +232,7 @@ _SETTINGS: dict[str, Check] = {
         remedy="Give LOG, GAINS, loop(target) or Parametrisation(encode, decode).",
     ),
     "linear": validation.flag,
+    "integrating": validation.flag,
     "batched": validation.flag,
     "input": partial(validation.one_of, choices=HOLDS),
     "plausible": partial(_pair, example="(1.0, 20.0)", first=_largest, second=_largest),

@@ -90,6 +90,8 @@ class Plant(Parameters):
     linear : bool
         Whether responses add up: the contribution of a recording's initial state and offsets
         can then be told from the response to its input.
+    integrating : bool
+        Whether a linear plant's output goes on rising under a constant input.
     crossover : float, optional
         Frequency at which a loop's metrics are decided [Hz]: noise is looked at around it, and
         the response of a linear plant.
@@ -191,6 +193,7 @@ class Plant(Parameters):
     initial: tuple[str, ...] = ()
     excite: Callable[[Integers], Array] | None = None
     linear: bool = False
+    integrating: bool = False
     crossover: float | None = None
     plausible: tuple[float, float] = (np.inf, np.inf)
     batched: bool = True
