@@ -11,8 +11,8 @@ from tuners.tuner.result import Result
 from tuners.tuner.stages import Recipe
 from tuners.tuner.tuner import Tuner
 from tuners.tuner.tuner_file import TunerFileError
+from yawrate_env.plant.distributions import LogRange, Normal
 from yawrate_env.plant.metric import Metric
-from yawrate_env.plant.parameters import LogRange, Normal
 from yawrate_env.plant.parametrisation import Parametrisation
 from yawrate_env.plant.plant import Plant
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from yawrate_env import validation
+from yawrate_env.plant.distributions import Spread, spread
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import CHECKS, OF_METRICS, check_name, check_unique, split
-from yawrate_env.plant.parameters import Spread, spread
 from yawrate_env.plant.parametrisation import Parametrisation
 from yawrate_env.signals.hold import HOLDS
 
@@ -209,6 +209,7 @@ def _display(name: str, value: Any) -> Any:
 _OPTIONAL = (
     "evaluate",
     "excite",
+    "together",
     "record",
     "action_bounds",
     "loop",

@@ -16,9 +16,10 @@ from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.calls import call, rows
 from yawrate_env.plant.checks import check_experiment, checked
+from yawrate_env.plant.distributions import Range, Spread
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import MARGINS, split
-from yawrate_env.plant.parameters import Parameters, Range, Spread
+from yawrate_env.plant.parameters import Parameters
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.reward import defined, reward
@@ -45,8 +46,8 @@ class Plant(Parameters):
     ----------
     prior : dict
         Names of the p parameters that differ from plant to plant, and their uniform ranges
-        ``(low, high)``; a point is a parameter that is known.  `LogRange` and `Normal` are
-        other distributions, from which episodes are drawn.
+        ``(low, high)``; a point is a parameter that is known.  `LogRange`, `Normal` and frozen
+        variables of ``scipy.stats`` are other distributions, from which episodes are drawn.
     simulate : callable
         ``simulate(theta, u, rng)``: parameters (B, p) and input (N,) to outputs (B, N); input
         (B, N) where every episode has its own (`excite`).  `rng` is for randomness in the
@@ -81,6 +82,9 @@ class Plant(Parameters):
     measured : dict, optional
         Parameters that are measured with every recording, such as a speed or a load, to how
         far outside the prior's range they may lie.
+    together : callable, optional
+        ``together(unit)``: uniform numbers (B, p) between 0 and 1 to parameters (B, p) that are not
+        independent, within the prior's ranges.
     initial : tuple of str
         Parameters of the prior that are states in which a recording begins, of a nonlinear plant:
         rule and metrics do not depend on them.  Recordings may then begin at any time.
@@ -190,6 +194,7 @@ class Plant(Parameters):
     target: tuple[float, ...] | None = None
     parametrisation: Parametrisation = LOG
     measured: Mapping[str, float] = field(default_factory=dict)
+    together: Callable[[Array], Array] | None = None
     initial: tuple[str, ...] = ()
     excite: Callable[[Integers], Array] | None = None
     linear: bool = False

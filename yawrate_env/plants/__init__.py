@@ -4,6 +4,15 @@ Each function gives a `yawrate_env.plant.Plant` and is an entry point, so that a
 suffices (`yawrate init --plant fopdt`).  The vehicle is in `yawrate_env.vehicle`.
 """
 
+from importlib.resources import files
+
 from yawrate_env.plants.process import Experiment, fopdt, integrator, sopdt
 
-__all__ = ["Experiment", "fopdt", "integrator", "sopdt"]
+__all__ = ["Experiment", "fopdt", "integrator", "sopdt", "template"]
+
+NAMES = "fopdt", "sopdt", "integrator"
+
+
+def template(name: str) -> str:
+    """A TOML file of a ready plant, with a comment on every value."""
+    return (files("yawrate_env.plants") / f"{name}.toml").read_text(encoding="utf-8")

@@ -25,8 +25,8 @@ from yawrate_env.loop.dead_time import zoh_late
 from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.simc import half_rule, simc
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.distributions import plain, spread
 from yawrate_env.plant.metric import Metric
-from yawrate_env.plant.parameters import plain, spread
 from yawrate_env.plant.pi_loop import GAINS, PILoop
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.responses import ClosedLoop
