@@ -83,6 +83,14 @@ class Tuner:
     def __repr__(self) -> str:
         return f"<Tuner {self.training.get('name', self.method.kind)}>"
 
+    @property
+    def rungs(self) -> tuple[Rung, ...]:
+        """Whose gains may answer: not a learner's that is well above the bound."""
+        rungs = self.method.rungs
+        if self.training.get("answers") == Rung.FITTED_PLANT.name and len(rungs) > 1:
+            return tuple(rung for rung in rungs if rung is not Rung.METHOD)
+        return rungs
+
     def gains(self, recording: Recording) -> Gains:
         """Gains for every episode; none without excitation, for methods that need it."""
         held = recording.resampled(recording.Ts)
@@ -150,7 +158,8 @@ class Tuner:
         plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
         alone = climbed.rung[i] >= Rung.BLACK_BOX
-        why = left(self.plant, climbed, found, i) if Rung.FITTED_PLANT in self.method.rungs else ()
+        rungs = self.rungs
+        why = left(rungs, plant, climbed, found, i) if Rung.FITTED_PLANT in rungs else ()
         return Result(
             gains=self._named(gains.values[i]),
             intervals=_intervals(plant, found.metrics[i], found.spread[i], self.calibration),
@@ -200,7 +209,7 @@ class Tuner:
         target = plant.loop_target
         response = None if target is None else Response.of(model, target)
         known = self._known(theta)
-        climbed = climb(plant, method.rungs, own, fitted, response, known).without(still)
+        climbed = climb(plant, self.rungs, own, fitted, response, known).without(still)
         assessment = assess(
             plant, model, fitted, response, used.y, climbed.judged, theta,
             anywhere=method.any_measured, alone=alone,

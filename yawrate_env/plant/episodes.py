@@ -143,6 +143,11 @@ def prior_gains(plant: Plant) -> Array:
     return found
 
 
+def share_without_gains(plant: Plant) -> float:
+    """Share of the prior's plants for which the design rule has no gains that reach its target."""
+    return 1 - len(prior_gains(plant)) / _TRIED
+
+
 def sample(plant: Plant, count: int) -> Array:
     """(count, p) parameters of the prior that belong to no data set, always the same."""
     return parameters(plant, stream(_SEED, 0, count, len(plant.prior)))

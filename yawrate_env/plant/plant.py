@@ -380,4 +380,4 @@ class Plant(Parameters):
     def _rows(
         self, name: str, function: Callable[..., Any], width: int, *arrays: Array
     ) -> tuple[Array, Flags | None]:
-        return rows(name, function, width, self.batched, *arrays)
+        return rows(name, function, width, self.batched, *arrays, names=tuple(self.prior))
