@@ -90,8 +90,13 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
 - **Sampling**: another sampling time than the plant's is resampled, the input held, the output
   along a cubic spline. Sampling times above a tenth of the crossover's period are refused, or
   above ten of the plant's where it has no crossover.
+- **Between samples** the input is held, as by a digital output. That of an analogue generator, or
+  one that was measured, is nearer to `--input-between lines`: it is then turned into a held input
+  that acts alike, to 1 % where the input has no frequencies above a fifth of the sampling rate; for
+  faster ones describe the plant with a shorter sampling time.
 - **Stretch**: of a log longer than two experiments the best-excited part is used, for plants
-  with `linear=True`. Others start from rest and are used from the first sample on.
+  with `linear=True` or `initial` states. Others start from rest and are used from the first
+  sample on.
 - **`--Ts`** takes the place of a time column: beside `--time-column` or `--time-unit` it is
   refused.
 - **`--start auto`** means `rest` for plants whose responses do not add up.

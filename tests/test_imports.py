@@ -13,7 +13,7 @@ import yawrate_env
 
 FILES = sorted(p for name in ("yawrate_env", "tuners") for p in (ROOT / name).rglob("*.py"))
 FLOORS = {
-    "yawrate_env": ("signals", "loop", "plant", "vehicle", "env"),
+    "yawrate_env": ("signals", "loop", "plant", "plants", "vehicle", "env"),
     "tuners": ("features", "learners", "trust", "tuner", "agents", "data", "logs", "export", "cli"),
 }
 METHOD = "features", "learners", "trust", "tuner"

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from tuners.tuner.stages import Recipe
     from tuners.tuner.tuner import Tuner
     from tuners.tuner.tuner_file import TunerFileError
+    from yawrate_env.plant.distributions import LogRange, Normal
     from yawrate_env.plant.metric import Metric
-    from yawrate_env.plant.parameters import LogRange, Normal
     from yawrate_env.plant.parametrisation import Parametrisation
     from yawrate_env.plant.plant import Plant
 
@@ -31,8 +31,8 @@ _PLACES = {
     "Tuner": "tuners.tuner.tuner",
     "TunerFileError": "tuners.tuner.tuner_file",
     "Metric": "yawrate_env.plant.metric",
-    "LogRange": "yawrate_env.plant.parameters",
-    "Normal": "yawrate_env.plant.parameters",
+    "LogRange": "yawrate_env.plant.distributions",
+    "Normal": "yawrate_env.plant.distributions",
     "Parametrisation": "yawrate_env.plant.parametrisation",
     "Plant": "yawrate_env.plant.plant",
 }

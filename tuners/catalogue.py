@@ -13,6 +13,7 @@ from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
 from tuners.tuner import tuner_file
+from tuners.tuner.against_bound import judge
 from tuners.tuner.direct import FictitiousReference, VirtualReference
 from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
@@ -23,7 +24,7 @@ from tuners.tuner.training import CALIBRATION, calibrate, check_calibration, fit
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.plant.entry import find
-from yawrate_env.plant.episodes import prior_gains
+from yawrate_env.plant.episodes import share_without_gains
 from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
@@ -120,12 +121,14 @@ def train(
     else:
         known, recipe = recipe_named(what)
         plant = yaw_rate(_task(known)) if plant is None else find(plant)
-    prior_gains(plant)  # refuses a plant of which nothing can be learned
+    share = share_without_gains(plant)  # refuses a plant of which nothing can be learned
     stages, training = fit(
         plant, recipe, count=episodes, seed=seed, name=name or known, data=data, progress=progress
     )
     tuner = Tuner(plant, stages, training)
+    training["without_gains"] = share
     if calibration:
+        judge(tuner, seed)
         calibrate(tuner, calibration, seed, progress)
     return tuner
 

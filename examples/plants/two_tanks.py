@@ -5,7 +5,8 @@
 Water is pumped into the upper tank, runs through its outlet into the lower one, and
 through that one's outlet away (Torricelli's law, flow a sqrt(2 g h)).  The outlets' areas and
 the pump's gain are unknown.  The tanks are filled from empty, by a switched pump, and a
-trained tuner reads the gains of the level loop off the lower tank's level.
+trained tuner reads the gains of the level loop off the lower tank's level.  `plant_at_work` is for
+recordings of tanks at work, which begin at levels that are unknown, too.
 """
 
 from math import sqrt
@@ -47,10 +48,16 @@ def step(h1, h2, inflow, a1, a2):
 
 @njit
 def simulate(theta, u, rng):
-    """Level of the lower tank [cm] at each sample of pump voltage [V], from empty tanks."""
+    """Level of the lower tank [cm] at each sample of pump voltage [V].
+
+    Tanks (a1, a2, pump) are empty at first; of (a1, a2, pump, h1, h2) the levels are given.
+    """
     y = np.empty((len(theta), len(u)))
-    for i, (a1, a2, pump) in enumerate(theta):
+    for i in range(len(theta)):
+        a1, a2, pump = theta[i, 0], theta[i, 1], theta[i, 2]
         h1 = h2 = 0.0
+        if theta.shape[1] > 3:
+            h1, h2 = theta[i, 3], theta[i, 4]
         for k, volts in enumerate(u):
             y[i, k] = h2
             h1, h2 = step(h1, h2, pump * volts, a1, a2)
@@ -62,7 +69,7 @@ def design(theta):
 
     Two lags T1 > T2 count as one of T1 + T2/2 with a delay of T2/2 (the half rule).
     """
-    a1, a2, pump = theta.T
+    a1, a2, pump = theta.T[:3]
     h = np.stack([LEVEL * (a2 / a1) ** 2, np.full_like(a1, LEVEL)])
     lags = AREA / np.stack([a1, a2]) * np.sqrt(2 * h / G)
     T1, T2 = lags.max(axis=0), lags.min(axis=0)
@@ -75,7 +82,7 @@ def design(theta):
 @njit
 def raised(theta, gains):
     """Lower level [cm] and pump voltage [V] as the loop raises the level by `RISE`, one plant's."""
-    (a1, a2, pump), (kp, Ti) = theta, gains
+    (a1, a2, pump), (kp, Ti) = theta[:3], gains
     level, volts = np.empty(150), np.empty(150)
     h1, h2, integral = LEVEL * (a2 / a1) ** 2, LEVEL, a2 * sqrt(2 * G * LEVEL) / pump
     for k in range(len(level)):
@@ -114,17 +121,31 @@ def loop(theta, gains):
     )
 
 
-plant = Plant(
-    prior={"a1": (0.3, 0.5), "a2": (0.3, 0.5), "pump": (8.0, 12.0)},  # cm2, cm2, cm3/(s V)
-    simulate=simulate,
-    design=design,
-    evaluate=evaluate,
-    gains=("kp", "Ti"),
-    metrics={"rise_time [s]": 5.0, "integrated_error [cm s]": 5.0},
-    u=5.0 + prbs(N, TS, bit_time=40.0, amplitude=2.0)[0],
-    Ts=TS,
-    noise=0.1,  # cm
-    signals=SIGNALS,
-    loop=loop,
-    entry="two_tanks:plant",
+TANKS = {"a1": (0.3, 0.5), "a2": (0.3, 0.5), "pump": (8.0, 12.0)}  # cm2, cm2, cm3/(s V)
+
+
+def described(entry, **changes):
+    """The tanks as a plant, whatever level they begin at."""
+    settings = {
+        "prior": TANKS,
+        "simulate": simulate,
+        "design": design,
+        "evaluate": evaluate,
+        "gains": ("kp", "Ti"),
+        "metrics": {"rise_time [s]": 5.0, "integrated_error [cm s]": 5.0},
+        "u": 5.0 + prbs(N, TS, bit_time=40.0, amplitude=2.0)[0],
+        "Ts": TS,
+        "noise": 0.1,  # cm
+        "signals": SIGNALS,
+        "loop": loop,
+        "entry": entry,
+    }
+    return Plant(**(settings | changes))
+
+
+plant = described("two_tanks:plant")
+plant_at_work = described(
+    "two_tanks:plant_at_work",
+    prior={**TANKS, "h1": (0.0, 25.0), "h2": (0.0, 25.0)},  # cm
+    initial=("h1", "h2"),
 )

@@ -37,7 +37,9 @@ from tuners.cli import COMMANDS, main
 from tuners.cli.answer import as_json
 from tuners.cli.text import as_text
 from tuners.export.forms import Forms
+from yawrate_env import plants
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.entry import from_toml
 from yawrate_env.signals.excitation import prbs
 from yawrate_env.vehicle.vehicle_file import example as paper
 
@@ -450,3 +452,15 @@ def test_the_command_is_installed_and_ends_with_its_status():
         cwd=ROOT, capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     assert done.returncode == WRONG and done.stderr.startswith("error: ") and not done.stdout
+
+
+@pytest.mark.parametrize("name", plants.NAMES)
+def test_a_ready_plants_file_has_its_defaults_and_is_one(tmp_path, name):
+    path = tmp_path / f"{name}.toml"
+    code, out, _ = call("init", "--plant", name, "-o", path)
+    assert code == TRUSTED and f"--vehicle {path}" in out
+    found, default = from_toml(path), getattr(plants, name)()
+    assert found.arguments == default.arguments and found.entry == default.entry
+    code, _, _ = call("excite", "--vehicle", path, "-o", tmp_path / "u.csv")
+    assert code == TRUSTED
+    assert "exists" in refused(WRONG, "init", "--plant", name, "-o", path)

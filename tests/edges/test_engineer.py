@@ -110,3 +110,21 @@ def test_a_tuner_of_ones_own_lands_as_well(tmp_path, monkeypatch):
     assert found["trusted"]
     papers = tuned(log, "gb")
     assert not papers["trusted"] or max(abs(off_target(papers, 0.8, 120.0, 18.0, vehicle))) > 0.5
+
+
+def test_an_input_that_is_joined_by_lines(tmp_path):
+    """A generator's ramps, logged at 20 Hz: taken for held they act early."""
+    plant, Ts = tuners.load("gb").plant, 0.05
+    t = Ts * np.arange(201)
+    steer = np.radians(1.0) * np.sign(np.random.default_rng(3).standard_normal(201))
+    fine = np.interp(0.001 * np.arange(10001) + 0.0005, t, steer)
+    theta = np.array([[0.8, 120.0, 20.0]])
+    y = plant.respond(theta, fine)[0, ::50]
+    y += 1e-4 * np.random.default_rng(0).standard_normal(201)
+    log = log_of(tmp_path, steer, y, 20.0, Ts)
+    lines = tuned(log, "gb", "--input-between", "lines")
+    check_on_target(lines, *theta[0], phase=0.5, crossover=0.02)
+    held = tuned(log, "gb", "--input-between", "held")
+    assert abs(off_target(held, *theta[0])[0]) > 1.5
+    assert tuned(log, "gb")["kp"] == held["kp"]
+    assert call("tune", log, "--input-between", "held", "--input-is", "measured")[0] == 2

@@ -152,7 +152,7 @@ def test_functions_of_one_plant_are_checked_too():
     settings = {"batched": False, "simulate": by_one(simulate)}
     with pytest.raises(ValueError, match="design's answer has 2 masked"):
         described(design=by_one(lambda t: np.ma.masked_less(design(t), 9e9)), **settings)
-    with pytest.raises(ValueError, match="evaluate failed: AssertionError"):
+    with pytest.raises(ValueError, match="evaluate for K = .* failed: AssertionError"):
         described(evaluate=raises(AssertionError()), metrics={"x": 1.0})
 
 
@@ -331,3 +331,27 @@ def test_an_installed_package_runs_in_the_folder_of_a_clone(tmp_path, monkeypatc
     (tmp_path / "yawrate_env" / "__init__.py").write_text("raise RuntimeError")
     monkeypatch.chdir(tmp_path)
     assert find("yawrate_env.vehicle.yaw_rate:from_settings", arguments=Task().settings())
+
+
+def fails_at(theta):
+    """A rule that raises for one plant of the prior."""
+    if (np.atleast_2d(theta)[:, 0] > 1.9).any():
+        raise ZeroDivisionError("no gain")
+    return design(theta)
+
+
+@pytest.mark.parametrize("changes", [
+    {"design": fails_at},
+    {"design": lambda t: fails_at(t[None])[0], "simulate": by_one(simulate), "batched": False},
+])  # fmt: skip
+def test_the_plant_for_which_a_function_raises_is_named(changes):
+    own = described(**changes)
+    theta = np.array([[1.0, 0.5], [1.95, 0.25], [1.2, 0.3]])
+    with pytest.raises(ValueError, match=r"design for K = 1\.95, T = 0\.25 failed.*no gain"):
+        own.oracle(theta)
+
+
+def test_functions_of_one_plant_are_told_of_one_plant():
+    settings = {"batched": False, "simulate": by_one(simulate)}
+    with pytest.raises(ValueError, match=r"answer for K = .* has shape \(3,\), not \(2,\)"):
+        described(design=lambda t: np.ones(3), **settings)

@@ -6,7 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import yawrate_env
-from yawrate_env.plant.parameters import LogRange, Normal
+from yawrate_env.plant.distributions import LogRange, Normal
 from yawrate_env.vehicle.task import Prior
 from yawrate_env.vehicle.vehicle_file import VehicleFileError, example, read
 

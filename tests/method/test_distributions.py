@@ -4,19 +4,19 @@ import json
 
 import numpy as np
 import pytest
-from scipy.stats import kstest, truncnorm
+from scipy.stats import beta, kstest, lognorm, truncnorm
 
 import tuners
 from tuners import LogRange, Normal
+from yawrate_env.plant.distributions import plain, spread
 from yawrate_env.plant.episodes import parameters, recorded, sample
 from yawrate_env.plant.fingerprint import changed, fingerprint
-from yawrate_env.plant.parameters import plain, spread
 from yawrate_env.signals.streams import stream, uniform
 
 COUNT = 4000
 
 
-def plant(**prior):
+def plant(together=None, **prior):
     """A gain K and a time constant, whose step is recorded."""
 
     def simulate(theta, u, rng):
@@ -26,7 +26,7 @@ def plant(**prior):
     return tuners.Plant(
         prior={"K": (1.0, 3.0), "T": (0.5, 2.0)} | prior, simulate=simulate,
         design=lambda theta: 1 / theta[:, :1], gains=("k",), u=np.ones(40), Ts=0.1, noise=0.01,
-        extrapolation={"T": (2.0, 3.0)},
+        extrapolation={"T": (2.0, 3.0)}, together=together,
     )  # fmt: skip
 
 
@@ -92,6 +92,42 @@ def test_what_files_hold_is_read_again(prior):
     assert spread("K", prior) == prior and hash(prior) == hash(spread("K", plain(prior)))
 
 
+def test_any_distribution_of_scipy_is_a_prior():
+    frozen = lognorm(0.5, scale=2.0)
+    described = plant(K=frozen, T={"beta": {"a": 2.0, "b": 3.0, "loc": 0.5, "scale": 1.5}})
+    theta = sample(described, COUNT)
+    assert kstest(theta[:, 0], frozen.cdf).pvalue > 1e-3
+    assert kstest(theta[:, 1], beta(2.0, 3.0, 0.5, 1.5).cdf).pvalue > 1e-3
+    low, high = described.prior["K"]
+    np.testing.assert_allclose([low, high], frozen.ppf([0.00135, 1 - 0.00135]), rtol=1e-9)
+    assert tuple(described.prior["T"]) == (0.5, 2.0)  # no tails to cut off
+    assert described.prior["K"].middle == pytest.approx(2.0)
+    again = spread("K", json.loads(json.dumps(plain(described.prior["K"]))))
+    assert again == described.prior["K"]
+    other = plant(K=lognorm(0.6, scale=2.0))
+    assert changed(other, json.loads(json.dumps(fingerprint(described)))) == "prior"
+
+
+def along(unit):
+    """Time constants that grow with the gain."""
+    K = 1 + 2 * unit[:, 0]
+    return np.stack([K, 0.5 * K + 0.3 * unit[:, 1]], axis=1)
+
+
+def test_parameters_may_be_drawn_together():
+    described = plant(together=along)
+    theta = sample(described, 500)
+    assert np.corrcoef(theta.T)[0, 1] > 0.9
+    np.testing.assert_array_equal(theta, along(uniform(stream(20, 0, 500, 2))))
+    beyond = recorded(described, "extrapolation", 0, 20).theta
+    assert (beyond[:, 1] >= 2.0).all()  # ranges of their own are uniform
+    assert changed(described, json.loads(json.dumps(fingerprint(plant())))) == "simulate"
+    with pytest.raises(ValueError, match="together's answer has K = "):
+        sample(plant(together=lambda unit: 5 + unit), 2)
+    with pytest.raises(ValueError, match="together's answer has shape"):
+        sample(plant(together=lambda unit: unit[:, :1]), 2)
+
+
 def test_records_are_not_pairs():
     assert LogRange(1, 2) != (1, 2) != Normal(1.5, 1 / 6)
     assert tuple(LogRange(1, 2)) == (1, 2)
@@ -107,6 +143,9 @@ def test_records_are_not_pairs():
         ({"beta": [1.0, 2.0]}, "K = .*beta.* is no prior. Give .*log.*normal"),
         ({"log": [1.0, 2.0, 3.0]}, "K = .* is no prior"),
         ({"log": 3.0}, "K = .* is no prior"),
+        ({"lognorm": {"s": -1.0}}, "K: lognorm .*no numbers"),
+        ({"lognorm": {"sigma": 1.0}}, "K: lognorm: .*argument"),
+        ({"binom": {"n": 5.0, "p": 0.5}}, "K: distribution = 'binom'"),
         ({"log": [1.0, 2.0], "normal": [1.0, 2.0]}, "K = .* is no prior"),
         ({}, "K = .* is no prior"),
         ("wide", "K = 'wide' must be a number or a pair"),

@@ -19,12 +19,15 @@ from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
 from tuners.trust.black_box import suited
+from tuners.tuner.against_bound import remarks
 from tuners.tuner.examples import examples
+from tuners.tuner.method import Rung
 from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Recipe, coordinates_of
 from tuners.tuner.training import features_by_name, recipe_for
+from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.episodes import recorded, sample
+from yawrate_env.plant.episodes import recorded, sample, share_without_gains
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
@@ -246,3 +249,38 @@ def test_any_input_is_answered_without_a_note(various):
     result = various.tune(block.u[0], block.y[0])
     assert result.trusted and result.notes == ()
     assert (error_of(various) < 0.03).all()
+
+
+def test_a_learner_well_above_the_bound_leaves_the_answer_to_the_fitted_plant(tmp_path):
+    few = replace(recipe_for(lag), episodes=50, noise_draws=1)
+    tuner = tuners.train(few, lag, calibration=100)
+    record = tuner.training
+    assert record["answers"] == "FITTED_PLANT" and max(record["ratio"].values()) < 1.2
+    block = recorded(lag, "test", 0, 64)
+    recording = Recording(block.u, block.y, lag.Ts)
+    climbed, _ = tuner.climb(recording)
+    assert (climbed.rung == Rung.FITTED_PLANT).all()
+    right = lag.oracle(block.theta)
+    own, answered = (
+        np.sqrt(np.mean((gains / right - 1) ** 2))
+        for gains in (tuner.gains(recording).values, climbed.gains.values)
+    )
+    assert answered < 0.8 * own
+    tuner.save(tmp_path / "few.tuner")
+    assert tuners.load(tmp_path / "few.tuner", lag).rungs == tuner.rungs
+    assert Tuner(lag, tuner.method).rungs[0] is Rung.METHOD  # nothing was measured
+
+
+def test_a_training_says_what_its_user_should_know():
+    def half(theta):
+        gains = lag.design(theta)
+        gains[theta[:, 0] > 1.25] = np.nan
+        return gains
+
+    tuner = Tuner(lag, tuners.load("gb", lag).method, {"ratio": {"a [deg]": 1.0, "b": 1.4}})
+    (said,) = remarks(tuner)
+    assert "b is 1.40 times the bound" in said
+    assert share_without_gains(described(design=half)) == pytest.approx(0.5, abs=0.1)
+    tuner.training |= {"ratio": {"b": 1.1}, "without_gains": 0.3}
+    (said,) = remarks(tuner)
+    assert "30%" in said

@@ -26,6 +26,18 @@ def test_the_tanks_settle_where_torricelli_says(tanks):
     np.testing.assert_allclose(level, (5.0 * pump / a2) ** 2 / (2 * 981.0), rtol=1e-9)
 
 
+def test_tanks_at_work_go_on_from_the_levels_that_they_begin_with(tanks):
+    plant, module = tanks
+    first, later = np.full(200, 6.0), plant.u
+    h = np.zeros((2, 2))
+    for i, (a1, a2, pump) in enumerate(THETA):
+        for volts in first:
+            h[i] = module.step(*h[i], pump * volts, a1, a2)
+    whole = plant.respond(THETA, np.concatenate([first, later]))
+    work = module.plant_at_work.respond(np.concatenate([THETA, h], axis=1), later)
+    np.testing.assert_allclose(work, whole[:, 200:], rtol=1e-12)
+
+
 def test_the_tanks_keep_their_water(tanks):
     """What has run in is in the tanks or has run out, to the accuracy of the steps."""
     _, module = tanks

@@ -2,12 +2,18 @@ import numpy as np
 import pytest
 from scipy.signal import max_len_seq
 
-from yawrate_env.signals.excitation import RANDOM_ORDER, SAME_ORDER, prbs, register
+from yawrate_env.signals.excitation import RANDOM_ORDER, prbs, register
 
 
-@pytest.mark.parametrize("order", [SAME_ORDER, RANDOM_ORDER])
+@pytest.mark.parametrize("order", range(3, 17))
 def test_register_is_scipys_maximum_length_sequence(order):
     np.testing.assert_array_equal(register(order), max_len_seq(order)[0])
+
+
+@pytest.mark.parametrize("order", [2, 17, 7.5, "9"])
+def test_a_register_that_is_not_there_is_refused_by_name(order):
+    with pytest.raises(ValueError, match="order = "):
+        prbs(100, 0.01, 0.1, 1.0, order=order)
 
 
 def test_the_default_episode_is_the_first_100_of_127_bits():

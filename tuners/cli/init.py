@@ -5,23 +5,30 @@ from pathlib import Path
 import click
 
 from tuners.cli.arguments import Output, example
+from yawrate_env import plants
 from yawrate_env.files import write_text
 from yawrate_env.vehicle import vehicle_file
 
+VEHICLE = "vehicle"
 
-@click.command(epilog=example("yawrate init -o car.toml"))
+
+@click.command(epilog=example("yawrate init --plant fopdt -o heater.toml"))
 @click.option(
-    "-o",
-    "--out",
-    type=Output(".toml"),
-    default="car.toml",
+    "--plant",
+    type=click.Choice([VEHICLE, *plants.NAMES]),
+    default=VEHICLE,
     show_default=True,
-    help="File to write.",
+    help="A vehicle; first order, or second order, or an integrator, plus dead time.",
+)
+@click.option(
+    "-o", "--out", type=Output(".toml"), help="File to write. [default: car.toml or PLANT.toml]"
 )
 @click.option("--force", is_flag=True, help="Replace an existing file.")
-def command(out: Path, force: bool) -> None:
-    """Write a vehicle's file to fill in: the paper's values, each with a comment."""
+def command(plant: str, out: Path | None, force: bool) -> None:
+    """Write a plant's file to fill in: ranges of its parameters, each with a comment."""
+    out = out or Path("car.toml" if plant == VEHICLE else f"{plant}.toml")
     if out.exists() and not force:
         raise click.UsageError(f"{out} exists. Choose another name, or give --force.")
-    write_text(out, vehicle_file.example())
-    click.echo(f"{out}: enter your vehicle's values, then: yawrate train --vehicle {out}")
+    write_text(out, vehicle_file.example() if plant == VEHICLE else plants.template(plant))
+    whose = "your vehicle's" if plant == VEHICLE else "your plant's"
+    click.echo(f"{out}: enter {whose} values, then: yawrate train --vehicle {out}")

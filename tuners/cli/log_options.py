@@ -8,6 +8,7 @@ import click
 
 from tuners.cli.arguments import ASSIGNMENT, NONZERO, NUMBER, POSITIVE
 from tuners.logs import Options
+from yawrate_env.signals.hold import HOLDS
 
 Decorator = Callable[..., Any]
 
@@ -33,6 +34,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
         columns = {role: given.pop(f"{role}_column") for role in ROLES}
         units = {role: given.pop(f"{role}_unit") for role in ROLES}
         _check_time(given["Ts"], columns["time"], units["time"])
+        _check_hold(given["input_is"], given["between"])
         values = {SPEED: given.pop("speed")}
         measured = _once(given.pop("measured"), _given(columns) | _given(values))
         columns |= {name: value for name, value in measured.items() if isinstance(value, str)}
@@ -51,6 +53,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
             start=given.pop("begin"),
             stop=given.pop("end"),
             input_is=given.pop("input_is"),
+            between=given.pop("between"),
         )
         return command(options=options, **given)
 
@@ -71,6 +74,15 @@ def _check_time(Ts: float | None, column: str | None, unit: str | None) -> None:
                 f"--Ts {Ts:g} and {flag} {value} contradict each other: --Ts, in seconds, takes "
                 "the place of a time column. Leave out one of the two."
             )
+
+
+def _check_hold(input_is: str, between: str | None) -> None:
+    """Refuse held samples of an actuator's position, which is joined by lines."""
+    if input_is == "measured" and between == "held":
+        raise click.UsageError(
+            "--input-is measured and --input-between held contradict each other: an actuator's "
+            "measured position is joined by lines. Leave out one of the two."
+        )
 
 
 def _once(
@@ -125,6 +137,9 @@ def _options() -> list[Decorator]:
         option("--input-is", "--steer-is", "input_is", default="command", show_default=True,
                type=click.Choice(["command", "measured"]),
                help="Whether the input was recorded before or after the plant's actuator."),
+        option("--input-between", "between", type=click.Choice(HOLDS),
+               help="Whether the input keeps a sample's value until the next, as a digital output "
+               "does, or is joined by lines, as a measured one. [default: the plant's]"),
         option("--Ts", "Ts", type=POSITIVE, help="Sampling time [s], instead of a column."),
         option("--from", "begin", type=NUMBER, help="Use the log from this time on [s]."),
         option("--to", "end", type=NUMBER, help="Use the log up to this time [s]."),

@@ -87,7 +87,7 @@ def notes(found: Forecast, u: Array, chosen: Proposal, wanted: float) -> list[st
     used = STRETCH * len(plant.u)
     if chosen.most < 0.95 * wanted:
         said.append("Weaker or shorter recordings would take care or be refused.")
-    if plant.linear and len(u) > used:
+    if (plant.linear or plant.initial) and len(u) > used:
         said.append(
             f"Of so long a log `yawrate tune` uses the best {used * plant.Ts:g} s; with --from and "
             "--to it uses what you name."

@@ -95,7 +95,9 @@ def command(
                 recipe, plant, episodes=episodes, seed=seed, calibration=CALIBRATION, progress=bars
             )
     tuner.save(out)
-    click.echo(f"{out}: {accuracy(tuner, seed)}")
+    from tuners.tuner.against_bound import remarks
+
+    click.echo("\n".join([f"{out}: {accuracy(tuner, seed)}", *remarks(tuner)]))
 
 
 def accuracy(tuner: "Tuner", seed: int) -> str:

@@ -111,7 +111,7 @@ def tuned(tuner: Tuner, log: Log, start: str, input_scale: float) -> Result:
     from tuners.cli.hints import Array, hints
 
     def tune(u: Array, y: Array, measured: dict[str, Array]) -> Result:
-        return tuner.tune(u, y, log.Ts, measured, start)
+        return tuner.tune(u, y, log.Ts, measured, start, log.input)
 
     result = tune(log.u, log.y, log.measured)
     notes = (*log.notes, *result.notes, *hints(tune, log, result, input_scale))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tuners.data.folder import Folder, check
 from tuners.data.manifest import DatasetError
+from tuners.tuner.against_bound import judge
 from tuners.tuner.stages import LEAST_USABLE, Recipe, Stages, coordinates_of, training_split
 from tuners.tuner.training import CALIBRATION, calibrate, check_calibration, recipe_for
 from tuners.tuner.tuner import Tuner
@@ -68,6 +69,7 @@ def train(
     stages, training = fit(folder, name, recipe, seed, progress)
     tuner = Tuner(known.plant, stages, training)
     if calibration:
+        judge(tuner, seed)
         calibrate(tuner, calibration, seed, progress)
     return tuner
 

@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.features.integrated import Integrated
 from tuners.features.laguerre import Laguerre
 from tuners.features.regularised import Regularised
 from tuners.features.response import FrequencyResponse
@@ -65,15 +66,16 @@ class Parts:
                 f"tuner {tuner!r} cannot be exported: its method is a "
                 f"{type(stages).__name__}, not two stages. {_EXPORTED}"
             )
-        if not isinstance(stages.features, OnLaguerre):
+        stage = stages.features
+        if not isinstance(stage, OnLaguerre) or isinstance(stage, Integrated):
             raise ValueError(
                 f"tuner {tuner!r} cannot be exported: its features are "
-                f"{type(stages.features).__name__}, and only those on Laguerre functions can. "
+                f"{type(stage).__name__}, and only those on Laguerre functions can. "
                 f"{_EXPORTED}"
             )
         plant = tuner.plant
         chosen = coordinates_of(plant, stages.parametrisation)
-        parts = cls(plant, stages.features, stages.learner, chosen)
+        parts = cls(plant, stage, stages.learner, chosen)
         parts._check()
         return parts
 

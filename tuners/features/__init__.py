@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.features.armax import Armax
+from tuners.features.integrated import Integrated
 from tuners.features.laguerre import Laguerre
 from tuners.features.regularised import Regularised
 from tuners.features.response import FrequencyResponse
@@ -32,6 +33,7 @@ class Features(Protocol):
 FEATURES: dict[str, Any] = {
     "armax": Armax,
     "laguerre": Laguerre,
+    "integrated": Integrated,
     "regularised": Regularised,
     "response": FrequencyResponse,
 }
@@ -79,7 +81,7 @@ def features_named(name: str, **settings: Any) -> Features:
 
 def check_features(stage: Any) -> None:
     """``ValueError`` unless `stage` is a first stage."""
-    remedy = "Give an Armax, a Laguerre, a Regularised or a FrequencyResponse."
+    remedy = "Give an Armax, a Laguerre, an Integrated, a Regularised or a FrequencyResponse."
     if type(stage) not in FEATURES.values():
         raise ValueError(f"features = {stage!r} is no first stage. {remedy}")
 

@@ -134,6 +134,10 @@ class Laguerre:
             gram = products(phi, phi)
         return gram[None], _right_sides(phi, y)
 
+    def loads(self, N: int) -> Array:
+        """What loads that change add to outputs, (0, N): of a plant that settles nothing."""
+        return np.empty((0, N))
+
     def regressors(self, u: Array, Ts: float) -> Array:
         """Filtered inputs, (E, order, N)."""
         out = np.zeros((len(u), self.order, u.shape[1]))

@@ -31,7 +31,7 @@ class Log:
     t0 : float
         Time of the first sample, as the recording counts it [s].
     u, y : NDArray
-        (N,) input, held over a sampling time, and measured output.
+        (N,) input and measured output.
     Ts : float
         Sampling time [s].
     measured : dict
@@ -42,6 +42,8 @@ class Log:
         How the input excites the plant.
     recorded_Ts : float
         Sampling time of the file [s]; `Ts` is shorter after `through_actuator`.
+    input : {"held", "lines"}
+        How the input runs between its samples.
     """
 
     source: str
@@ -53,6 +55,7 @@ class Log:
     notes: tuple[str, ...]
     excitation: Excitation
     recorded_Ts: float
+    input: str = "held"
 
     @property
     def time(self) -> Array:
@@ -96,20 +99,31 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
     excited = excitation.check(plant, u, y, parameters, base.Ts)
     notes = (*table.notes, *lost, *found.notes, *base.notes, *chosen, *assumed, *excited.notes)
     t0 = float(base.grid[part.start])
-    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts)
+    hold = "held" if options.input_is == "measured" else options.between or plant.input
+    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts, hold)
     return log if options.input_is == "command" else _whole_plant(log, plant)
 
 
+def _anytime(plant: Plant) -> bool:
+    """Whether a recording may begin in any state of the plant."""
+    return plant.linear or bool(plant.initial)
+
+
+def _held(plant: Plant, options: Options) -> bool:
+    """Whether the input's column keeps its value until the next row."""
+    return options.input_is == "command" and (options.between or plant.input) == "held"
+
+
 def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
-    """How the quantities come to one grid; a nonlinear plant's recording starts at rest."""
+    """How the quantities come to one grid; some plants' recordings start at rest."""
     return Plan(
         clock="output",
         least=excitation.SHORTEST * len(plant.u) * plant.Ts,
         pace=pace_of(plant),
-        held=("input",) if options.input_is == "command" else (),
+        held=("input",) if _held(plant, options) else (),
         slow=tuple(name for name in plant.measured if name in found),
         Ts=options.Ts,
-        begin=None if plant.linear else -np.inf if options.start is None else options.start,
+        begin=None if _anytime(plant) else -np.inf if options.start is None else options.start,
     )
 
 
@@ -119,7 +133,7 @@ def _stretch(
     """The chosen part, or that of the best excitation; a plant that starts at rest starts there."""
     if options.start is not None or options.stop is not None:
         return between(base.grid, options.start, options.stop), []
-    if not plant.linear:
+    if not _anytime(plant):
         return slice(0, len(base.grid)), []
     steady = [signals[name] for name in plant.measured if name in signals]
     length = LONGEST * len(plant.u) * plant.Ts

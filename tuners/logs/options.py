@@ -27,6 +27,8 @@ class Options:
         Stretch to use, in the recording's own time [s].
     input_is : {"command", "measured"}
         Whether the input was recorded before the plant's actuator or after it.
+    between : {"held", "lines"} or None
+        How the input runs between its samples; as in the plant's recordings if not given.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -38,3 +40,4 @@ class Options:
     start: float | None = None
     stop: float | None = None
     input_is: str = "command"
+    between: str | None = None

@@ -8,7 +8,9 @@ one least-squares fit of the output on
 
 separates them without knowing the plant, and they are subtracted for every tuner.  All but the
 first cost information, so F tests decide how many of them a recording needs: none from rest, the
-constant at an operating point, the trend where a sensor drifts, all of them in motion.
+constant at an operating point, the trend where a sensor drifts, all of them in motion.  The output
+of a plant with an integrator drifts under a load, and bends where the load changes; between the
+trend and the free responses it may bend at a few times that are always the same.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -17,6 +19,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.features.integrated import Integrated
 from tuners.features.laguerre import Laguerre, combined, lifted, products
 from tuners.features.regularised import Regularised, regularised
 from yawrate_env import validation
@@ -58,7 +61,7 @@ class BlackBox:
         Samples for each independent one.
     extra : NDArray
         (B,) how many of the signals of `free_responses` were estimated: 0 from rest, 1 at an
-        operating point, 2 with a trend, all in motion.
+        operating point, 2 with a trend, more under loads that change, all in motion.
     free : NDArray
         (B, N) what was subtracted: offset, trend and free response.
     offset : NDArray
@@ -69,6 +72,9 @@ class BlackBox:
         (B or 1, n, n) inverse of their covariance for noise of variance one.
     residual : NDArray
         (B,) sum of squares that is left.
+    kept : int
+        How many of the signals of `free_responses` were fitted and not subtracted, since the plant
+        is nonlinear.
     """
 
     functions: Laguerre
@@ -82,6 +88,7 @@ class BlackBox:
     coefficients: Array
     information: Array
     residual: Array
+    kept: int = 0
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
@@ -110,6 +117,11 @@ class BlackBox:
         return signals - combined(products(signals, some), some) if len(some) else signals
 
 
+def basis(plant: Plant) -> type[Laguerre]:
+    """Kind of functions that a plant's response to its input is a sum of."""
+    return Integrated if plant.integrating else Laguerre
+
+
 def functions_for(plant: Plant) -> Laguerre:
     """Laguerre basis of the reference model; chosen automatically if the plant names none.
 
@@ -117,8 +129,7 @@ def functions_for(plant: Plant) -> Laguerre:
     response would explain the rest, and a recording from rest would look like a start in motion.
     """
     if plant.black_box is not None:
-        order, pole = plant.black_box
-        return Laguerre(order, pole)
+        return basis(plant)(*plant.black_box)
     for order in ORDERS:
         functions = suited(plant, min(order, len(plant.u) // SAMPLES))
         if not plant.linear or functions.order < order or _hidden(plant, functions):
@@ -150,7 +161,7 @@ def suited(plant: Plant, order: int) -> Laguerre:
     y = plant.respond(sample(plant, _PLANTS))
     energy = (y**2).sum(axis=1)
     slowest, fastest = 2 / (len(plant.u) * plant.Ts), 1 / plant.Ts
-    models = [Laguerre(order, float(pole)) for pole in np.geomspace(slowest, fastest, _POLES)]
+    models = [basis(plant)(order, float(pole)) for pole in np.geomspace(slowest, fastest, _POLES)]
     fits = (black_box(plant, model, plant.u[None], y, "rest") for model in models)
     left = [(fit.residual / energy).mean() for fit in fits]
     return models[int(np.argmin(left))]
@@ -170,9 +181,10 @@ def free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, Array
 
     Returns
     -------
-    signals : (n + 2, N) float64
-        A constant; with it a straight line; with both the decays of the basis' states.
-    constant : (n + 2,) float64
+    signals : (n + l + 2, N) float64
+        A constant; with it a straight line; of a plant with an integrator, whose loads change on
+        the way, l signals with a bend each; with all the decays of the basis' states.
+    constant : (n + l + 2,) float64
         The constant in a sum of the signals is this times their coefficients.
     """
     return (_kept if N <= _LARGEST_KEPT else _free_responses)(functions, N, Ts)
@@ -182,8 +194,8 @@ def _free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, Arra
     impulse = np.zeros((1, N + 1))
     impulse[0, 0] = 1.0
     decays = functions.regressors(impulse, Ts)[0, :, 1:]
-    straight = [np.ones(N), np.linspace(-1.0, 1.0, N)]
-    Q, R = np.linalg.qr(np.concatenate([straight, decays]).T)
+    signals = [np.ones(N), np.linspace(-1.0, 1.0, N), *functions.loads(N), *decays]
+    Q, R = np.linalg.qr(np.stack(signals, axis=1))
     return np.ascontiguousarray(Q.T), np.linalg.inv(R)[0]
 
 
@@ -200,7 +212,8 @@ def black_box(
     start : {"auto", "rest", "offset", "unknown"}
         Whether recordings start from rest without offsets, at an operating point, whose output is
         an unknown constant, or anyhow; decided by the data if "auto".  For a nonlinear plant the
-        data cannot decide: nothing is subtracted, but the reference model has the constant.
+        data cannot decide: nothing is subtracted, but the reference model has the constant, or
+        all of them if the plant names initial states.
     """
     validation.one_of("start", start, STARTS)
     N, Ts = y.shape[1], plant.Ts
@@ -213,9 +226,10 @@ def black_box(
             f"{N} samples are too few, at least {SAMPLES * n} are needed. Record for longer."
         )
     Z, constant = free_responses(functions, N, Ts)
-    levels = {"rest": (0,), "offset": (1,), "unknown": (len(Z),)}.get(start, (0, 1, 2, len(Z)))
+    steps = sorted({0, 1, 2, len(Z) - n, len(Z)})
+    levels = {"rest": (0,), "offset": (1,), "unknown": (len(Z),)}.get(start, tuple(steps))
     if not plant.linear and start == "auto":
-        levels = (1,)
+        levels = (len(Z),) if plant.initial else (1,)
     Z = Z[: levels[-1]]
     gram, right = functions.normal_equations(u, y, Ts, Z)
     energy = np.einsum("bn,bn->b", y, y)
@@ -238,6 +252,7 @@ def black_box(
     return BlackBox(
         functions, u, y - free, Ts, oversampled, removed, free, z @ constant[: len(Z)],
         best.coefficients, best.information, best.residual,
+        levels[-1] if plant.initial and start == "auto" else 0,
     )  # fmt: skip
 
 

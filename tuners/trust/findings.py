@@ -123,7 +123,7 @@ def implausible(plant: Plant, u: Array, y: Array) -> Array:
 
 def _misfit(plant: Plant, model: BlackBox, found: Fit) -> Array:
     """Output that the black box explains and the fitted plant does not, beyond noise, relative."""
-    freedom = max(model.functions.order - len(plant.unknown), 1)
+    freedom = max(model.functions.order + model.kept - len(plant.unknown), 1)
     excess = (found.residual**2).sum(axis=1) - model.residual
     chance = found.noise * (freedom + _DOUBT * np.sqrt(2 * freedom))
     energy = found.simulated.var(axis=1) * found.simulated.shape[1]
@@ -148,8 +148,9 @@ def _response(crossover: float, model: BlackBox, found: Fit) -> Array:
 
 def _outside(plant: Plant, found: Fit) -> Array:
     """Distance from the prior in widths of its ranges, less three standard deviations."""
-    free, (low, high) = plant.unknown, plant.ranges
+    of, (low, high) = plant.lasting, plant.ranges
+    free = plant.unknown[of]
     theta = found.theta[:, free]
-    slack = _DOUBT * np.sqrt(np.einsum("bii->bi", found.covariance))
-    beyond = np.maximum(low[free] - theta, theta - high[free]) / plant.width
+    slack = _DOUBT * np.sqrt(np.einsum("bii->bi", found.covariance)[:, of])
+    beyond = np.maximum(low[free] - theta, theta - high[free]) / plant.width[of]
     return np.asarray(np.maximum(beyond - slack, 0).max(axis=1, initial=0.0))

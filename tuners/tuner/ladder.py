@@ -124,7 +124,8 @@ def climb(
     if Rung.FITTED_PLANT in rungs:
         supported = fitted.converged & np.isfinite(refined).all(axis=1) & known
         supported &= (distance <= _CONTRADICTED) | (response is None)
-        confirmed = _confirmed(plant, fitted, own, refined) & (Rung.METHOD in rungs)
+        confirmed = _confirmed(plant, fitted, own, refined)
+        confirmed &= Rung.METHOD in rungs
         rung = np.where(supported, np.where(confirmed, Rung.METHOD, Rung.FITTED_PLANT), rung)
     chosen = Gains.of(refined, reached, fitted.converged).replaced(rung == Rung.METHOD, own)
     if response is None:
@@ -148,11 +149,13 @@ def _confirmed(plant: Plant, fitted: Fit, own: Gains, refined: Array) -> Flags:
         return np.asarray(near.all(axis=1) & own.converged)
 
 
-def left(plant: Plant, climbed: Climb, found: Assessment, i: int) -> tuple[str, ...]:
+def left(
+    rungs: tuple[Rung, ...], plant: Plant, climbed: Climb, found: Assessment, i: int
+) -> tuple[str, ...]:
     """Why recording `i` is not answered by a higher rung, in words."""
     rung, response = climbed.rung[i], found.response
     if rung == Rung.FITTED_PLANT and response is not None:
-        return (_NOT_CONFIRMED,)
+        return (_NOT_CONFIRMED,) if Rung.METHOD in rungs else ()
     if rung < Rung.BLACK_BOX or response is None or response.without_gains[i]:
         return ()
     if (GAUSSIAN * found.spread[i] > plant.metric_setting("widest")).any():

@@ -39,7 +39,7 @@ def notes(
         label = " or ".join(split(plant.label(name))[0] for name in plant.measured)
         found.append(f"The {label} varies by {given.variation:.0%}; its mean counts.")
     output = split(plant.signals[1])
-    left = _left_open(plant, left_open(fitted)[i])
+    left = _left_open(plant, left_open(fitted)[i] & plant.lasting)
     return (*found, *left, *_quantised(given.y[0], fitted.residual[i], *output))
 
 

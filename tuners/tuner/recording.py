@@ -12,6 +12,7 @@ from yawrate_env import validation
 from yawrate_env.plant.names import split
 from yawrate_env.plant.observations import signals
 from yawrate_env.plant.plant import Plant
+from yawrate_env.signals.hold import HOLDS, held_like_lines
 
 Array = NDArray[np.float64]
 
@@ -41,6 +42,8 @@ class Recording:
         Samples for each independent one: above 1 where samples were interpolated.
     variation : float
         Largest relative peak-to-peak variation of a measured parameter.
+    input : {"held", "lines"}
+        Whether inputs keep a sample's value until the next, or are joined by lines.
     """
 
     u: Array
@@ -49,6 +52,7 @@ class Recording:
     known: Array | None = None
     oversampled: float = 1.0
     variation: float = 0.0
+    input: str = "held"
 
     def __post_init__(self) -> None:
         u, y = np.shape(self.u), np.shape(self.y)
@@ -57,6 +61,7 @@ class Recording:
                 f"u and y have shapes {u} and {y}, not (1, N) or (B, N) and (B, N). Give arrays "
                 "(N,) to Recording.of(plant, u, y, Ts)."
             )
+        validation.one_of("input", self.input, HOLDS)
 
     @classmethod
     def of(
@@ -66,6 +71,7 @@ class Recording:
         y: ArrayLike,
         Ts: float | None = None,
         measured: Mapping[str, ArrayLike | None] | None = None,
+        between: str | None = None,
     ) -> Self:
         """One episode of a plant from arrays (N,), checked.
 
@@ -75,23 +81,24 @@ class Recording:
             Sampling time [s]; the plant's if omitted.
         measured : dict, optional
             Measured parameters to one value, or one a sample, whose mean counts.
+        between : {"held", "lines"}, optional
+            How the input runs between samples; as the plant's recordings do if omitted.
 
         Raises
         ------
         ValueError
             The episode cannot be used; the message says why and what to do.
         """
-        input, output = _signal("u", u), _signal("y", y)
-        if len(input) != len(output):
-            raise ValueError(
-                f"u has {len(input)} samples and y has {len(output)}. Cut them to one length."
-            )
-        validation.count("number of samples", len(input), at_least=2, remedy="Record more.")
+        u, y = _signal("u", u), _signal("y", y)
+        if len(u) != len(y):
+            raise ValueError(f"u has {len(u)} samples and y has {len(y)}. Cut them to one length.")
+        validation.count("number of samples", len(u), at_least=2, remedy="Record more.")
         Ts = plant.Ts if Ts is None else Ts
         validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
         given = {name: value for name, value in (measured or {}).items() if value is not None}
-        known, variation = _measured(plant, given, len(output))
-        return cls(input[None], output[None], float(Ts), known, variation=variation)
+        known, variation = _measured(plant, given, len(y))
+        input = plant.input if between is None else between
+        return cls(u[None], y[None], float(Ts), known, variation=variation, input=input)
 
     @classmethod
     def of_observations(cls, plant: Plant, obs: ArrayLike) -> tuple[Self, bool]:
@@ -140,25 +147,33 @@ class Recording:
         return replace(self, u=u, y=self.y[index], known=known)
 
     def resampled(self, Ts: float) -> "Recording":
-        """The same episodes sampled at another `Ts` [s].
+        """The same episodes sampled at another `Ts` [s], their inputs held.
 
-        The input is held between its samples, as a digital output holds it; the output
-        follows a cubic spline.
+        An input that is joined by lines becomes one that is held and acts alike
+        (`yawrate_env.signals.hold`).  The output follows a cubic spline.
         """
-        if np.isclose(self.Ts, Ts, rtol=1e-6):
+        N, same = self.y.shape[1], bool(np.isclose(self.Ts, Ts, rtol=1e-6))
+        if same and self.input == "held":
             return self
-        N = self.y.shape[1]
         if N < 4:
             raise ValueError(f"{N} samples are too few to interpolate. Record for longer.")
-        at = np.arange(int(np.floor((N - 1) * self.Ts / Ts + 0.1)) + 1) * (Ts / self.Ts)
-        # What holds over the larger part of a sample: clocks may differ by a few ppm.
-        held = np.minimum(np.floor(at + min(Ts / self.Ts, 1.0) / 2), N - 1).astype(np.intp)
+        at = np.arange(N if same else int(np.floor((N - 1) * self.Ts / Ts + 0.1)) + 1)
+        if same:
+            Ts, y = self.Ts, self.y
+        else:
+            y = spline(self.y, at * (Ts / self.Ts))
+        if self.input == "lines":
+            u = held_like_lines(self.u, self.Ts, Ts * at.astype(np.float64), Ts)
+        else:  # what holds over the larger part of a sample: clocks may differ by a few ppm
+            half = min(Ts / self.Ts, 1.0) / 2
+            u = self.u[:, np.minimum(np.floor(at * (Ts / self.Ts) + half), N - 1).astype(np.intp)]
         return replace(
             self,
-            u=self.u[:, held],
-            y=spline(self.y, np.asarray(at, dtype=np.float64)),
+            u=u,
+            y=np.ascontiguousarray(y),
             Ts=Ts,
             oversampled=max(self.oversampled, self.Ts / Ts),
+            input="held",
         )
 
     def parameters(self, plant: Plant, *, needed: bool = True) -> Array:

@@ -56,7 +56,8 @@ def recipe_for_logs(plant: Plant) -> Recipe:
     Of a linear plant with a crossover the features are its frequency response around it, which do
     not depend on the input; any other plant gets `recipe_for`.
     """
-    if not plant.linear or plant.crossover is None or plant.excite is not None:
+    special = plant.integrating or plant.excite is not None
+    if not plant.linear or plant.crossover is None or special:
         return recipe_for(plant)
     low, high = (share * plant.crossover for share in _BAND)
     order = min(RESPONSE_ORDER, len(plant.u) // 10)
@@ -72,7 +73,7 @@ def features_for(plant: Plant) -> Laguerre | Regularised:
     input of its own it takes more functions, regularised by the prior.
     """
     most = len(plant.u) // 10
-    if plant.excite is None:
+    if plant.excite is None or plant.integrating:
         return suited(plant, min(ORDER, most))
     return suited_to_any_input(plant, min(MORE, most))
 

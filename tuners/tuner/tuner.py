@@ -86,9 +86,18 @@ class Tuner:
     def __repr__(self) -> str:
         return f"<Tuner {self.training.get('name', self.method.kind)}>"
 
+    @property
+    def rungs(self) -> tuple[Rung, ...]:
+        """Whose gains may answer: not a learner's that is well above the bound."""
+        rungs = self.method.rungs
+        if self.training.get("answers") == Rung.FITTED_PLANT.name and len(rungs) > 1:
+            return tuple(rung for rung in rungs if rung is not Rung.METHOD)
+        return rungs
+
     def gains(self, recording: Recording) -> Gains:
         """Gains for every episode; none without excitation, for methods that need it."""
-        return self._excited(recording, self.method.gains(self.plant, recording))
+        held = recording.resampled(recording.Ts)
+        return self._excited(held, self.method.gains(self.plant, held))
 
     def tune(
         self,
@@ -97,6 +106,7 @@ class Tuner:
         Ts: float | None = None,
         measured: Mapping[str, ArrayLike] | None = None,
         start: str = "auto",
+        input: str | None = None,
         **parameters: ArrayLike | None,
     ) -> Result:
         """Tune from one recording, and check with it whether to trust the gains.
@@ -106,8 +116,7 @@ class Tuner:
         u, y : (N,)
             Input and measured output, in the plant's units.
         Ts : float, optional
-            Sampling time [s].  Where it is not the plant's, the input is held between samples
-            and the output follows a cubic spline.
+            Sampling time [s].  Where it is not the plant's, the output follows a cubic spline.
         measured : dict, optional
             The plant's measured parameters: one value each, or one a sample.
         start : {"auto", "rest", "offset", "unknown"}
@@ -115,6 +124,9 @@ class Tuner:
             output is an unknown constant, or in motion, in which case initial state, offset and
             trend are estimated too; found from the data if "auto".
             For plants whose responses do not add up the data cannot say, and rest is assumed.
+        input : {"held", "lines"}, optional
+            Whether the input keeps a sample's value until the next, or is joined by lines; as the
+            plant's recordings do if omitted.
         **parameters
             Measured parameters by name, as in ``v_x=18.0``.
 
@@ -128,7 +140,7 @@ class Tuner:
             raise ValueError(f"measured = {measured!r} is not a dict. Give {{name: value}}.")
         if twice := sorted(measured.keys() & parameters.keys()):
             raise ValueError(f"{twice[0]} is given twice. Leave out one of the two.")
-        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters})
+        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters}, input)
         return self.results(given, start)[0]
 
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
@@ -149,8 +161,8 @@ class Tuner:
         plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
         alone = climbed.rung[i] >= Rung.BLACK_BOX
-        rungs = self.method.rungs
-        why = left(plant, climbed, found, i) if climbed.rung[i] > min(rungs) else ()
+        rungs = self.rungs
+        why = left(rungs, plant, climbed, found, i) if Rung.FITTED_PLANT in rungs else ()
         return Result(
             gains=self._named(gains.values[i]),
             intervals=_intervals(plant, found.metrics[i], found.spread[i], self.calibration),
@@ -217,7 +229,7 @@ class Tuner:
         target = plant.loop_target
         response = None if target is None else Response.of(model, target)
         known = self._known(theta)
-        climbed = climb(plant, method.rungs, own, fitted, response, known).without(still)
+        climbed = climb(plant, self.rungs, own, fitted, response, known).without(still)
         assessment = assess(
             plant, model, fitted, response, used.y, climbed.judged, theta,
             anywhere=method.any_measured, alone=alone,

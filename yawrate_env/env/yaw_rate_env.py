@@ -14,7 +14,7 @@ from yawrate_env.env.interface import Array, Observation
 from yawrate_env.env.tuning_env import TuningEnv
 from yawrate_env.env.vector_env import TuningVectorEnv
 from yawrate_env.env.yaw_rate_interface import interface_of, task_of
-from yawrate_env.plant.parameters import LogRange, Normal
+from yawrate_env.plant.distributions import LogRange, Normal
 from yawrate_env.vehicle.nonlinear.twin import NonlinearTwin
 from yawrate_env.vehicle.single_track import context_of
 from yawrate_env.vehicle.task import Task

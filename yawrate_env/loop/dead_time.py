@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.batch import take
+from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.loop.discretisation import DiscretePlant, ObserverForm, augmented, expm, zoh
-from yawrate_env.loop.simulation import simulate_into
+from yawrate_env.loop.output_lag import observer_form
+from yawrate_env.loop.simulation import simulate, simulate_into
 
 Array = NDArray[np.float64]
 
@@ -31,6 +33,20 @@ def zoh_late(A: Array, B: Array, C: Array, Ts: float, dead_time: Array) -> Discr
     E = expm(augmented(A, B, 1.0) * rest[:, None, None])
     late = np.einsum("bij,bj->bi", E[:, :-1, :-1], plant.B)
     return DiscretePlant(plant.A, late, C, Ts, E[:, :-1, -1] @ C, delay.astype(np.int64))
+
+
+def respond(plant: DiscretePlant, u: Array) -> Array:
+    """Outputs (B, N) from rest of plants with or without dead time, for inputs (N,) or (B, N)."""
+    if plant.delay is None:
+        return simulate(plant, u)
+    inputs = np.ascontiguousarray(np.atleast_2d(u), dtype=np.float64)
+    form, y = observer_form(plant), np.empty((len(plant), inputs.shape[1]))
+
+    def one_block(i: int, j: int) -> None:
+        simulate_late(y[i:j], plant, form, inputs, i, j)
+
+    over_blocks(one_block, len(plant), LANES)
+    return y
 
 
 def simulate_late(

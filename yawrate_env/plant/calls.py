@@ -1,6 +1,6 @@
 """Calls of functions that a plant's author wrote; errors name the function."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,23 +26,25 @@ def one_line(error: BaseException) -> str:
 
 
 def rows(
-    name: str, function: Callable[..., Any], width: int, batched: bool, *arrays: Array
+    name: str,
+    function: Callable[..., Any],
+    width: int,
+    batched: bool,
+    *arrays: Array,
+    names: Sequence[str] = (),
 ) -> tuple[Array, Flags | None]:
     """Call for the batch, or for each plant, and check that the answer is (B, width).
 
-    A function may answer with a pair; the second part, (B,) bool, is then returned too.
+    A function may answer with a pair; the second part, (B,) bool, is then returned too.  Where it
+    raises, the message says for which plant, with the `names` of its parameters.
     """
     arrays = tuple(array.copy() for array in arrays)  # functions may write into them
-    count, answer, found = len(arrays[0]), f"{name}'s answer", None
+    count, answer = len(arrays[0]), f"{name}'s answer"
     if batched:
-        values = call(name, function, *arrays)
-        if _is_pair(values):
-            values, found = values
+        values, found = _batch(name, function, names, *arrays)
     else:
-        values = [call(name, function, *row) for row in zip(*arrays, strict=True)]
-        if values and _is_pair(values[0]):
-            values, found = zip(*values, strict=True)
-        values = [validation.float_array(answer, row) for row in values]
+        given = zip(*arrays, strict=True)
+        values, found = _one_by_one(name, function, names, (width,), given)
     values = validation.float_array(answer, values)
     if values.shape != (count, width):
         raise ValueError(f"{answer} has shape {values.shape}, not {(count, width)}.")
@@ -55,6 +57,49 @@ def rows(
             f"{(count,)} and bool."
         )
     return values, flags
+
+
+def _batch(
+    name: str, function: Callable[..., Any], names: Sequence[str], *arrays: Array
+) -> tuple[Any, Any]:
+    """A batch's values and flags; where it raises, the first plant that does so alone is named."""
+    try:
+        values = call(name, function, *(array.copy() for array in arrays))
+    except ValueError:
+        for i in range(len(arrays[0])):
+            alone = [array[i : i + 1].copy() for array in arrays]
+            call(f"{name}{_at(names, arrays[0][i])}", function, *alone)
+        raise
+    return values if _is_pair(values) else (values, None)
+
+
+def _one_by_one(
+    name: str,
+    function: Callable[..., Any],
+    names: Sequence[str],
+    shape: tuple[int],
+    given: Iterable[tuple[Array, ...]],
+) -> tuple[Any, Any]:
+    """Values and flags of a function that takes one plant."""
+    values, found = [], []
+    for row in given:
+        at = _at(names, row[0])
+        one = call(f"{name}{at}", function, *(array.copy() for array in row))
+        if _is_pair(one):
+            one, flag = one
+            found.append(flag)
+        one = validation.float_array(f"{name}'s answer", one)
+        if one.shape != shape:
+            raise ValueError(f"{name}'s answer{at} has shape {one.shape}, not {shape}.")
+        values.append(one)
+    return np.reshape(values, (len(values), *shape)), found or None
+
+
+def _at(names: Sequence[str], theta: Array) -> str:
+    """Which plant a message is about."""
+    pairs = zip(names, theta, strict=False)
+    listed = ", ".join(f"{name} = {value:.4g}" for name, value in pairs)
+    return f" for {listed}" if listed else ""
 
 
 def _is_pair(answer: Any) -> bool:

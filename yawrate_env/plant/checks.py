@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from yawrate_env import validation
+from yawrate_env.plant.distributions import Spread, spread
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import CHECKS, OF_METRICS, check_name, check_unique, split
-from yawrate_env.plant.parameters import Spread, spread
 from yawrate_env.plant.parametrisation import Parametrisation
+from yawrate_env.signals.hold import HOLDS
 
 Check = Callable[[str, Any], Any]
 
@@ -31,6 +32,9 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
     for name, check in _OF_PARAMETERS.items():
         plant[name] = _mapping(name, plant[name], check, tuple(plant["prior"]))
     roles = ("input", "output", *plant["measured"])
+    _check_initial(plant)
+    if plant["integrating"] and not plant["linear"]:
+        raise ValueError("integrating is for plants that are linear. Set linear, or leave it out.")
     plant["synonyms"] = _mapping("synonyms", plant["synonyms"], _texts, roles)
     plant["metrics"] = _metrics(plant["metrics"], plant["gains"], plant["evaluate"] is not None)
     if plant["crossover"] is not None:
@@ -149,6 +153,19 @@ def _metrics(given: Any, gains: tuple[str, ...], evaluated: bool) -> dict[str, M
     return {f"{_RELATIVE}{n}": scales.get(n, Metric(RELATIVE_ERROR)) for n in gains}
 
 
+def _check_initial(plant: Mapping[str, Any]) -> None:
+    """A recording's initial states are unknown parameters of a nonlinear plant."""
+    for name in plant["initial"]:
+        validation.one_of("initial's parameter", name, tuple(plant["prior"]))
+        if name in plant["measured"]:
+            raise ValueError(f"initial {name!r} is measured, too. Leave out one of the two.")
+    if plant["initial"] and plant["linear"]:
+        raise ValueError(
+            f"initial = {plant['initial']!r}: of a linear plant every initial state is estimated "
+            "without it. Leave it out, and simulate from rest."
+        )
+
+
 def _check_limits(limits: Mapping[str, Any], prior: Mapping[str, Any]) -> None:
     for name, (low, high) in limits.items():
         least, most = prior[name]
@@ -192,6 +209,7 @@ def _display(name: str, value: Any) -> Any:
 _OPTIONAL = (
     "evaluate",
     "excite",
+    "together",
     "record",
     "action_bounds",
     "loop",
@@ -206,6 +224,7 @@ _SETTINGS: dict[str, Check] = {
     "design": validation.function,
     **dict.fromkeys(_OPTIONAL, partial(validation.function, optional=True)),
     "gains": _gains,
+    "initial": _texts,
     "u": _input,
     "Ts": partial(validation.number, above=0.0, remedy="Give the sampling time in seconds."),
     "noise": _noise,
@@ -214,7 +233,9 @@ _SETTINGS: dict[str, Check] = {
         remedy="Give LOG, GAINS, loop(target) or Parametrisation(encode, decode).",
     ),
     "linear": validation.flag,
+    "integrating": validation.flag,
     "batched": validation.flag,
+    "input": partial(validation.one_of, choices=HOLDS),
     "plausible": partial(_pair, example="(1.0, 20.0)", first=_largest, second=_largest),
     "signals": partial(
         _pair, example='("voltage [V]", "speed [rad/s]")', first=validation.text,

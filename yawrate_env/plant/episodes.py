@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from yawrate_env import validation
 from yawrate_env.batch import concatenate
+from yawrate_env.plant.calls import call
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.noise import KEY_WORDS
 from yawrate_env.signals.streams import stream, uniform
@@ -107,9 +108,26 @@ def parameters(
     low, high = prior if ranges is None else ranges
     unit = uniform(integers)
     theta = np.asarray(low + (high - low) * unit)
+    if plant.together is not None and np.array_equal((low, high), prior):
+        return _together(plant, plant.together, unit)
     for i, each in plant.shaped.items():
         if (low[i], high[i]) == (prior[0][i], prior[1][i]):
             theta[:, i] = each.at(unit[:, i])
+    return theta
+
+
+def _together(plant: Plant, together: Callable[[Array], Array], unit: Array) -> Array:
+    """Parameters (B, p) that are not independent, which the plant makes of uniform numbers."""
+    low, high = plant.ranges
+    theta = call("together", together, unit.copy())
+    theta = validation.finite_array("together's answer", theta, shape=unit.shape)
+    outside = np.argwhere((theta < low) | (theta > high))
+    if len(outside):
+        row, i = outside[0]
+        raise ValueError(
+            f"together's answer has {list(plant.prior)[i]} = {theta[row, i]:g}, outside the "
+            f"prior's [{low[i]:g}, {high[i]:g}]. Widen that range, or cut the answer off."
+        )
     return theta
 
 
@@ -123,6 +141,11 @@ def prior_gains(plant: Plant) -> Array:
             "learned. Choose a target that can be reached, or another prior."
         )
     return found
+
+
+def share_without_gains(plant: Plant) -> float:
+    """Share of the prior's plants for which the design rule has no gains that reach its target."""
+    return 1 - len(prior_gains(plant)) / _TRIED
 
 
 def sample(plant: Plant, count: int) -> Array:

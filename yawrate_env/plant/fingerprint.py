@@ -56,7 +56,8 @@ def changed(plant: Plant, then: dict[str, Any], parts: tuple[str, ...] = ()) -> 
 
 
 def _settings(plant: Plant) -> dict[str, Any]:
-    return {
+    found = {"initial": list(plant.initial)} if plant.initial else {}
+    return found | {
         "prior": [
             [name, *ends, *([] if isinstance(ends, tuple) else [ends.kind])]
             for name, ends in plant.prior.items()

@@ -1,128 +1,18 @@
 """The parameters of a family of plants: ranges, indices, and the features of measured ones."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from statistics import NormalDist
-from typing import Any, ClassVar
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env import validation
+from yawrate_env.plant.distributions import Distribution, LogRange, Normal, Range, Spread
 from yawrate_env.plant.names import split
 
 Array = NDArray[np.float64]
-Range = tuple[float, float]
 
-_DEVIATIONS = 3.0  # of a normal prior, beyond which it is cut off
 _MARGIN = 0.5  # of a range's width, by which the search for parameters may leave the prior
-
-
-@dataclass(frozen=True, slots=True)
-class LogRange:
-    """A prior whose logarithm is uniform between two positive ends; unpacks as ``(low, high)``.
-
-    Attributes
-    ----------
-    low, high : float
-        Ends of the range, in the parameter's unit.
-    """
-
-    kind: ClassVar[str] = "log"
-
-    low: float
-    high: float
-
-    def __post_init__(self) -> None:
-        remedy = "Give positive ends, or a pair for a uniform prior."
-        for end in ("low", "high"):
-            value = validation.number(f"LogRange {end}", getattr(self, end), above=0.0,
-                                      remedy=remedy)  # fmt: skip
-            object.__setattr__(self, end, value)
-        validation.interval("LogRange", tuple(self))
-
-    def __iter__(self) -> Iterator[float]:
-        return iter((self.low, self.high))
-
-    @property
-    def middle(self) -> float:
-        """The geometric mean of its ends."""
-        return float(np.sqrt(self.low) * np.sqrt(self.high))
-
-    def at(self, unit: Array) -> Array:
-        """Quantiles (B,) of uniform numbers (B,) between 0 and 1."""
-        return np.asarray(self.low * np.exp(unit * np.log(self.high / self.low)))
-
-
-@dataclass(frozen=True, slots=True)
-class Normal:
-    """A normal prior, cut off at three deviations: it unpacks as these ends, ``(low, high)``.
-
-    Attributes
-    ----------
-    mean, deviation : float
-        Of the distribution before it is cut off, in the parameter's unit.
-    """
-
-    kind: ClassVar[str] = "normal"
-
-    mean: float
-    deviation: float
-
-    def __post_init__(self) -> None:
-        mean = validation.number("Normal mean", self.mean)
-        deviation = validation.number("Normal deviation", self.deviation, above=0.0,
-                                      remedy="Give a number for a known parameter.")  # fmt: skip
-        object.__setattr__(self, "mean", mean)
-        object.__setattr__(self, "deviation", deviation)
-
-    def __iter__(self) -> Iterator[float]:
-        spare = _DEVIATIONS * self.deviation
-        return iter((self.mean - spare, self.mean + spare))
-
-    @property
-    def middle(self) -> float:
-        """The mean."""
-        return self.mean
-
-    def at(self, unit: Array) -> Array:
-        """Quantiles (B,) of uniform numbers (B,) between 0 and 1."""
-        standard = NormalDist()
-        outside = standard.cdf(-_DEVIATIONS)
-        shares = outside + (1 - 2 * outside) * unit
-        return self.mean + self.deviation * np.array([standard.inv_cdf(x) for x in shares.tolist()])
-
-
-Spread = Range | LogRange | Normal
-"""A parameter's prior: uniform between two ends, or one of the others."""
-
-SHAPES: dict[str, type[LogRange] | type[Normal]] = {"log": LogRange, "normal": Normal}
-"""By the name that files have for them."""
-
-
-def spread(name: str, value: Any) -> Spread:
-    """A prior from a number, a pair, a record or, as files have it, ``{"log": [low, high]}``."""
-    if isinstance(value, LogRange | Normal):
-        return value
-    if not isinstance(value, Mapping):
-        return validation.interval(name, value)
-    shape, *others = value or ("",)
-    if others or shape not in SHAPES or np.size(value[shape]) != 2:
-        raise ValueError(
-            f"{name} = {dict(value)!r} is no prior. Give a number, [low, high], "
-            "{log = [low, high]} or {normal = [mean, deviation]}."
-        )
-    try:
-        return SHAPES[shape](*value[shape])
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
-
-
-def plain(prior: Spread) -> Any:
-    """What `spread` reads, of plain JSON values."""
-    if isinstance(prior, tuple):
-        return prior
-    return {prior.kind: [getattr(prior, part) for part in prior.__slots__]}
 
 
 class Parameters:
@@ -135,6 +25,7 @@ class Parameters:
 
     prior: Mapping[str, Spread]
     measured: Mapping[str, float]
+    initial: tuple[str, ...]
     search_limits: Mapping[str, Range]
     labels: Mapping[str, str]
 
@@ -145,7 +36,7 @@ class Parameters:
         return low, high
 
     @property
-    def shaped(self) -> dict[int, LogRange | Normal]:
+    def shaped(self) -> dict[int, LogRange | Normal | Distribution]:
         """The priors that are not uniform, by index."""
         priors = enumerate(self.prior.values())
         return {i: each for i, each in priors if not isinstance(each, tuple)}
@@ -179,6 +70,12 @@ class Parameters:
     def measured_names(self) -> tuple[str, ...]:
         """Names of the measured parameters that the prior leaves open."""
         return tuple(name for name in self.prior if name in self.measured and self._open(name))
+
+    @property
+    def lasting(self) -> NDArray[np.bool_]:
+        """(q,) which unknown parameters are the plant's, and not a recording's initial state."""
+        begin = self.indices(self.initial)
+        return np.asarray(~np.isin(self.unknown, begin))
 
     def indices(self, names: Iterable[str]) -> list[int]:
         """Indices of the parameters with these names."""

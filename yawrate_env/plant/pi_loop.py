@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.loop import closed_loop, simulation
+from yawrate_env.loop import closed_loop, dead_time
 from yawrate_env.loop.design import Status
 from yawrate_env.loop.discretisation import DiscretePlant, zoh
 from yawrate_env.loop.loops import Loops
@@ -75,7 +75,7 @@ class PILoop:
 
     def simulate(self, theta: Array, u: Array, rng: Any) -> Array:
         """Noise-free outputs (B, N) from rest."""
-        return simulation.simulate(self.discrete(theta, self.Ts), u)
+        return dead_time.respond(self.discrete(theta, self.Ts), u)
 
     def design(self, theta: Array) -> tuple[Array, NDArray[np.bool_]]:
         """(kp, Ti) (B, 2), and whether they reach the target; ``nan`` where no PI comes near it."""

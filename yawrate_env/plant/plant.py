@@ -16,9 +16,10 @@ from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.calls import call, rows
 from yawrate_env.plant.checks import check_experiment, checked
+from yawrate_env.plant.distributions import Range, Spread
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import MARGINS, split
-from yawrate_env.plant.parameters import Parameters, Range, Spread
+from yawrate_env.plant.parameters import Parameters
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.reward import defined, reward
@@ -46,8 +47,8 @@ class Plant(Parameters):
     ----------
     prior : dict
         Names of the p parameters that differ from plant to plant, and their uniform ranges
-        ``(low, high)``; a point is a parameter that is known.  `LogRange` and `Normal` are
-        other distributions, from which episodes are drawn.
+        ``(low, high)``; a point is a parameter that is known.  `LogRange`, `Normal` and frozen
+        variables of ``scipy.stats`` are other distributions, from which episodes are drawn.
     simulate : callable
         ``simulate(theta, u, rng)``: parameters (B, p) and input (N,) to outputs (B, N); input
         (B, N) where every episode has its own (`excite`).  `rng` is for randomness in the
@@ -82,12 +83,20 @@ class Plant(Parameters):
     measured : dict, optional
         Parameters that are measured with every recording, such as a speed or a load, to how
         far outside the prior's range they may lie.
+    together : callable, optional
+        ``together(unit)``: uniform numbers (B, p) between 0 and 1 to parameters (B, p) that are not
+        independent, within the prior's ranges.
+    initial : tuple of str
+        Parameters of the prior that are states in which a recording begins, of a nonlinear plant:
+        rule and metrics do not depend on them.  Recordings may then begin at any time.
     excite : callable, optional
         ``excite(integers)``: random 64-bit integers (B,) to inputs (B, N), where every episode
         has an input of its own; `u` is then an example.
     linear : bool
         Whether responses add up: the contribution of a recording's initial state and offsets
         can then be told from the response to its input.
+    integrating : bool
+        Whether a linear plant's output goes on rising under a constant input.
     crossover : float, optional
         Frequency at which a loop's metrics are decided [Hz]: noise is looked at around it, and
         the response of a linear plant.
@@ -96,6 +105,9 @@ class Plant(Parameters):
         mean wrong units.
     batched : bool
         Whether the functions take B plants at once, or ``(p,)`` and ``(k,)`` of one.
+    input : {"held", "lines"}
+        Whether the inputs of recordings keep a sample's value until the next, as a digital
+        output does, or are joined by lines.  The simulator's own input is held.
     signals : tuple of str
         Names of input and output in pictures and logs, with units in brackets:
         ``speed [rad/s]``.
@@ -184,11 +196,15 @@ class Plant(Parameters):
     target: tuple[float, ...] | None = None
     parametrisation: Parametrisation = LOG
     measured: Mapping[str, float] = field(default_factory=dict)
+    together: Callable[[Array], Array] | None = None
+    initial: tuple[str, ...] = ()
     excite: Callable[[Integers], Array] | None = None
     linear: bool = False
+    integrating: bool = False
     crossover: float | None = None
     plausible: tuple[float, float] = (np.inf, np.inf)
     batched: bool = True
+    input: str = "held"
     signals: tuple[str, str] = ("u", "y")
     labels: Mapping[str, str] = field(default_factory=dict)
     synonyms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -374,4 +390,4 @@ class Plant(Parameters):
     def _rows(
         self, name: str, function: Callable[..., Any], width: int, *arrays: Array
     ) -> tuple[Array, Flags | None]:
-        return rows(name, function, width, self.batched, *arrays)
+        return rows(name, function, width, self.batched, *arrays, names=tuple(self.prior))

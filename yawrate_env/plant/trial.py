@@ -45,8 +45,25 @@ def _call_all(plant: Any) -> None:
     if none.any():  # no gains for this plant; there may be for others
         return
     _try_parametrisation(plant, gains)
-    _checked("evaluate", plant.metric_values(theta, gains), len(plant.counted))
+    metrics = _checked("evaluate", plant.metric_values(theta, gains), len(plant.counted))
+    _try_other_starts(plant, theta, gains, metrics)
     plant.closed_loop(theta[0], gains[0])
+
+
+def _try_other_starts(plant: Any, theta: Array, gains: Array, metrics: Array) -> None:
+    """Refuse a rule, or metrics, that depend on the state in which a recording begins."""
+    begin = plant.indices(plant.initial)
+    if not begin:
+        return
+    moved = theta.copy()
+    moved[:, begin] = np.stack(plant.ranges)[:, begin]
+    found = plant.oracle(moved), plant.metric_values(moved, gains)
+    for name, one, other in zip(("design", "evaluate"), (gains, metrics), found, strict=True):
+        if not np.array_equal(one, other):
+            raise ValueError(
+                f"{name} depends on {', '.join(plant.initial)}: an initial state is the "
+                "recording's and no matter of the rule. Leave it out of initial, or of the function"
+            )
 
 
 def _try_parametrisation(plant: Any, gains: Array) -> None:

@@ -10,7 +10,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-_TAPS = {7: (6,), 14: (13, 12, 2)}
+_TAPS = {
+    3: (2,), 4: (3,), 5: (3,), 6: (5,), 7: (6,), 8: (7, 6, 1), 9: (5,), 10: (7,), 11: (9,),
+    12: (11, 10, 4), 13: (12, 11, 8), 14: (13, 12, 2), 15: (14,), 16: (15, 13, 4),
+}  # fmt: skip
 SAME_ORDER = 7
 RANDOM_ORDER = 14
 
@@ -18,6 +21,11 @@ RANDOM_ORDER = 14
 @cache
 def register(order: int) -> NDArray[np.int8]:
     """One period, (2**order - 1,) of 0 and 1, from the all-ones state."""
+    if order not in _TAPS:
+        raise ValueError(
+            f"order = {order!r} must be a whole number from {min(_TAPS)} to {max(_TAPS)}. Choose "
+            "one: a register repeats after 2^order - 1 bits."
+        )
     state = [1] * order
     bits = np.empty(2**order - 1, dtype=np.int8)
     for i in range(len(bits)):
@@ -50,7 +58,7 @@ def prbs(
     amplitude : float
         Half the peak-to-peak value, in the unit of the output.
     order : int
-        Length of the register, 7 or 14.
+        Length of the register, 3 to 16.
     start : (E,) uint64, optional
         Where in the period each of E sequences starts (taken modulo the period).
 

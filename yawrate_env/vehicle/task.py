@@ -12,7 +12,7 @@ import numpy as np
 
 from yawrate_env import validation
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.parameters import Spread, plain, spread
+from yawrate_env.plant.distributions import Spread, plain, spread
 from yawrate_env.vehicle.single_track import CONTEXT, OTHERS, Vehicle, check_parameter
 from yawrate_env.vehicle.twin import LinearTwin, Twin
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.parameters import Spread
+from yawrate_env.plant.distributions import Spread
 from yawrate_env.vehicle.single_track import Vehicle
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 

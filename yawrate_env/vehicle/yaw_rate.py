@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.loops import Loops
+from yawrate_env.plant.distributions import Range
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.noise import snr
-from yawrate_env.plant.parameters import Range
 from yawrate_env.plant.parametrisation import loop
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE, PILoop
 from yawrate_env.plant.plant import Out, Plant, Written

@@ -1,0 +1,18 @@
+"""Ready plants: common ones, described by the ranges of their parameters.
+
+Each function gives a `yawrate_env.plant.Plant` and is an entry point, so that a TOML file
+suffices (`yawrate init --plant fopdt`).  The vehicle is in `yawrate_env.vehicle`.
+"""
+
+from importlib.resources import files
+
+from yawrate_env.plants.process import Experiment, fopdt, integrator, sopdt
+
+__all__ = ["Experiment", "fopdt", "integrator", "sopdt", "template"]
+
+NAMES = "fopdt", "sopdt", "integrator"
+
+
+def template(name: str) -> str:
+    """A TOML file of a ready plant, with a comment on every value."""
+    return (files("yawrate_env.plants") / f"{name}.toml").read_text(encoding="utf-8")
