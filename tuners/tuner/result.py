@@ -11,6 +11,7 @@ from tuners.trust.checks import Assessment
 from tuners.trust.intervals import Interval
 from tuners.trust.verdict import Check, Verdict
 from tuners.tuner.method import Rung
+from tuners.tuner.shares import Share, Validation
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -128,6 +129,10 @@ class Result:
         The loop of the gains around the recording's own response, where that answers.
     plant : Plant
         What the tuner was made for.
+    logs : tuple of Share
+        What each of several recordings adds, and how far it agrees; empty for a single one.
+    validation : Validation, optional
+        A further recording held against the answer.
     """
 
     gains: Mapping[str, float]
@@ -145,6 +150,8 @@ class Result:
     fit: FittedPlant = field(repr=False)
     open_loop: OpenLoop | None = field(repr=False)
     plant: Plant = field(repr=False)
+    logs: tuple[Share, ...] = field(default=(), repr=False)
+    validation: Validation | None = field(default=None, repr=False)
 
     @property
     def trusted(self) -> bool:

@@ -1,7 +1,7 @@
 """The tuner: it tunes recordings, acts as a policy and is saved, whatever finds the gains."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -17,9 +17,11 @@ from tuners.trust.fit import fit
 from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.response import Response
 from tuners.trust.verdict import Finding, worst
-from tuners.tuner import notes, tuner_file
+from tuners.tuner import notes, several, tuner_file
 from tuners.tuner.ladder import Climb, climb, left
+from tuners.tuner.look import Look
 from tuners.tuner.method import Gains, Method, Rung
+from tuners.tuner.pooling import Pooling, operating_point
 from tuners.tuner.reasons import reasons
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
@@ -130,7 +132,72 @@ class Tuner:
 
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
         """Results for every episode, each as `tune` gives it."""
-        plant, climbed, assessment = self.plant, *self.climb(recording, start)
+        climbed, assessment = self.climb(recording, start)
+        assessment = self._sampled(recording, assessment)
+        given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
+        return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
+
+    def pool(
+        self,
+        recordings: Sequence[Recording],
+        at: Mapping[str, float] | None = None,
+        *,
+        names: Sequence[str] = (),
+        validate: Recording | None = None,
+        start: str = "auto",
+    ) -> Result:
+        """Tune from several recordings of one plant, whose information adds up.
+
+        Friction, load and whatever else is unknown is the same in all of them; measured
+        parameters, such as a speed, are each recording's own.
+
+        Parameters
+        ----------
+        recordings : sequence of Recording
+            One episode each, of any length and sampling time.
+        at : dict, optional
+            Measured parameters that the gains are for; what the recordings have in common, if
+            omitted.
+        names : sequence of str, optional
+            Of the recordings, and of the one that validates: ``recording 1`` and so on if omitted.
+        validate : Recording, optional
+            A further recording, which the answer does not come from, to hold against it.
+        start : str
+            As for `tune`.
+
+        Raises
+        ------
+        ValueError
+            A recording cannot be used, or the recordings have no operating point in common.
+        """
+        validation.count("number of recordings", len(recordings), remedy="Give one or more.")
+        plant, given = self.plant, [*recordings, *([] if validate is None else [validate])]
+        looks = [
+            replace(self.look(recording, start), name=name)
+            for recording, name in zip(given, several.names(given, names), strict=True)
+        ]
+        further, looks = looks[len(recordings) :], looks[: len(recordings)]
+        theta = operating_point(plant, looks, at)
+        pooling = Pooling(plant, self.method, self._sampled)
+        pool = pooling.pool(looks, theta, self.known(theta))
+        if len(looks) == 1 and at is None:
+            (result,) = self.results(recordings[0], start)
+        else:
+            seconds = sum(each.y.shape[1] * each.Ts for each in recordings)
+            shares = several.shares(plant, looks, pool)
+            pool = pool.explained(several.disagreements(shares))
+            said = several.notes(plant, looks, pool, shares, self.method.any_experiment)
+            why = several.left(plant, looks, pool)
+            result = self.answer(pool.climbed, pool.assessment, 0, why, said, seconds)
+            result = replace(result, logs=shares)
+        for each in further:
+            held = several.validation(pooling, looks, each, pool, result, self.calibration)
+            result = replace(result, validation=held)
+        return result
+
+    def _sampled(self, recording: Recording, assessment: Assessment) -> Assessment:
+        """The same with checks of how the recording was sampled."""
+        plant = self.plant
         if recording.Ts > plant.Ts * (1 + notes.ROUNDED):
             values = _between(recording, assessment)
             message = plant.messages.get("between", _TOO_SLOW)
@@ -139,14 +206,37 @@ class Tuner:
         if notes.stretched(plant, recording):
             asked = Finding(np.ones(len(recording)), 0.0, 0.0, _STRETCHED.format(plant.Ts))
             assessment = assessment.followed_by({"stretched": asked})
-        given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
-        return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
+        return assessment
 
     def _result(self, given: Recording, climbed: Climb, found: Assessment, i: int) -> Result:
+        method = self.method
+        why = left(self.plant, climbed, found, i) if Rung.FITTED_PLANT in method.rungs else ()
+        said = notes.notes(self.plant, given, found.fit, i, method.any_experiment)
+        return self.answer(climbed, found, i, why, said, given.y.shape[1] * given.Ts)
+
+    def answer(
+        self,
+        climbed: Climb,
+        found: Assessment,
+        i: int,
+        why: tuple[str, ...],
+        said: tuple[str, ...],
+        seconds: float,
+    ) -> Result:
+        """The result of recording `i`.
+
+        Parameters
+        ----------
+        why : tuple of str
+            Why higher rungs were left.
+        said : tuple of str
+            Notes on the recording.
+        seconds : float
+            How long it is.
+        """
         plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
         alone = climbed.rung[i] >= Rung.BLACK_BOX
-        why = left(self.plant, climbed, found, i) if Rung.FITTED_PLANT in self.method.rungs else ()
         return Result(
             gains=self._named(gains.values[i]),
             intervals=_intervals(plant, found.metrics[i], found.spread[i], self.calibration),
@@ -159,9 +249,9 @@ class Tuner:
             rung=Rung(climbed.rung[i]),
             left=why,
             reasons=reasons(plant, checks, why, Rung(climbed.rung[i])),
-            notes=notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
+            notes=said
             + notes.unfollowed(self._left_over)
-            + notes.slow_integral(plant, gains.values[i], given.y.shape[1] * given.Ts),
+            + notes.slow_integral(plant, gains.values[i], seconds),
             fallback=self._named(self.fallback),
             checks=checks,
             fit=FittedPlant.of(plant, found, i, alone),
@@ -176,6 +266,18 @@ class Tuner:
 
     def climb(self, recording: Recording, start: str = "auto") -> tuple[Climb, Assessment]:
         """Gains for every episode as `tune` gives them, whose they are, and their assessment."""
+        plant, method, seen = self.plant, self.method, self.look(recording, start)
+        known = self.known(seen.theta)
+        climbed = climb(plant, method.rungs, seen.own, seen.fit, seen.response, known)
+        climbed = climbed.without(seen.still)
+        assessment = assess(
+            plant, seen.model, seen.fit, seen.response, seen.used.y, climbed.judged, seen.theta,
+            anywhere=method.any_measured, alone=method.rungs == (Rung.BLACK_BOX,),
+        )  # fmt: skip
+        return climbed, assessment
+
+    def look(self, recording: Recording, start: str = "auto") -> Look:
+        """Models of every episode, and the method's own gains."""
         plant, method = self.plant, self.method
         remedy = "Make one with Recording.of(plant, u, y, Ts)."
         validation.instance("recording", recording, Recording, remedy=remedy)
@@ -195,13 +297,7 @@ class Tuner:
         fitted = fit(plant, model, used.y, theta)
         target = plant.loop_target
         response = None if target is None else Response.of(model, target)
-        known = self._known(theta)
-        climbed = climb(plant, method.rungs, own, fitted, response, known).without(still)
-        assessment = assess(
-            plant, model, fitted, response, used.y, climbed.judged, theta,
-            anywhere=method.any_measured, alone=alone,
-        )  # fmt: skip
-        return climbed, assessment
+        return Look(recording, used, theta, model, own, still, fitted, response)
 
     def predict(
         self,
@@ -282,7 +378,7 @@ class Tuner:
         longest = np.diff(turns).max(initial=1) * self.plant.Ts
         return np.abs(u).max(), np.ptp(self.plant.respond(self.plant.middle)), longest
 
-    def _known(self, theta: Array) -> NDArray[np.bool_]:
+    def known(self, theta: Array) -> NDArray[np.bool_]:
         """Which recordings (B,) have measured parameters that the tuner was made for."""
         plant, within = self.plant, np.ones(len(theta), dtype=np.bool_)
         low, high = plant.limits if self.method.any_measured else plant.ranges
