@@ -1,7 +1,7 @@
 """A tuning result as one JSON object."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -11,15 +11,21 @@ from tuners.cli.text import RUNGS, forms_of, gain_units
 from tuners.export.gains import plant_settings
 from tuners.logs import Log
 from tuners.tuner.result import Result
+from tuners.tuner.shares import Share
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 
 
-def as_json(result: Result, log: Log, tuner: str) -> dict[str, Any]:
+def as_json(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> dict[str, Any]:
     """Everything about a result as plain JSON values; ``null`` where there is no number.
 
     Gains and metrics also stand by name beside the other keys, as measured parameters do in
     ``log`` and estimated ones in ``fit``.
+
+    Parameters
+    ----------
+    logs : sequence of Log
+        All of them, where there are several; ``log`` is then ``null``.
     """
     plant, forms = result.plant, forms_of(result)
     gains = _bare(result.gains)
@@ -44,7 +50,12 @@ def as_json(result: Result, log: Log, tuner: str) -> dict[str, Any]:
         "forms": None if forms is None else asdict(forms),
         "target": settings["target"],
         "tuner": tuner,
-        "log": _log(log, plant),
+        "log": None if logs else _log(log, plant),
+        "logs": [
+            _log(one, plant) | _share(share, plant)
+            for one, share in zip(logs, result.logs, strict=True)
+        ],
+        "validation": _validation(result),
         "fit": _fit(result),
         "gains": gains,
         "metrics": metrics,
@@ -66,6 +77,42 @@ def _log(log: Log, plant: Plant) -> dict[str, Any]:
         "Ts": log.Ts,
         **_bare({plant.label(name): float(v.mean()) for name, v in log.measured.items()}),
         "excitation": asdict(log.excitation),
+    }
+
+
+def _share(share: Share, plant: Plant) -> dict[str, Any]:
+    """How one of several logs stands to the others."""
+    return {
+        "share": share.share,
+        "agrees": share.agrees,
+        "chi_square": share.chi_square,
+        "freedom": share.freedom,
+        "chance": share.chance,
+        "difference": _bare(share.shift),
+        "parameters": _bare(share.parameters),
+        "causes": list(share.causes),
+    }
+
+
+def _validation(result: Result) -> dict[str, Any] | None:
+    """A further log held against the answer."""
+    held = result.validation
+    if held is None:
+        return None
+    plant, against = result.plant, held.against
+    measured = {plant.label(name): value for name, value in against.measured.items()}
+    others = _share(against, plant)
+    del others["share"]
+    return {
+        "file": held.name,
+        **_bare(measured),
+        **others,
+        "fit_percent": held.fit,
+        "attainable_percent": held.attainable,
+        "metrics": _bare({name: asdict(interval) for name, interval in held.intervals.items()}),
+        "within_intervals": held.within,
+        "agrees": held.agrees,
+        "contradicts": held.contradicts,
     }
 
 

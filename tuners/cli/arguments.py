@@ -11,6 +11,9 @@ from yawrate_env.files import check_folder, check_regular
 
 LARGEST_COUNT = 1e9
 
+UNUSABLE, REFUSED = 1, 3
+"""Exit statuses where a log cannot be used, and where gains are refused."""
+
 
 def example(line: str) -> str:
     """The end of a command's help; click does not wrap it."""

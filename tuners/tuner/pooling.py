@@ -99,6 +99,11 @@ class Pooling:
     method: Method
     sampled: Callable[[Recording, Assessment], Assessment]
 
+    @property
+    def alone(self) -> bool:
+        """Whether only recordings are asked, and not what the plant's simulator makes of them."""
+        return self.method.rungs == (Rung.BLACK_BOX,)
+
     def pool(self, looks: Sequence[Look], theta: Array, known: Flags) -> Pool:
         """Pool L recordings of each of B sets.
 
@@ -232,8 +237,7 @@ class Pooling:
     ) -> Assessment:
         """Checks of the gains with all recordings; of each one, the worst."""
         plant, method = self.plant, self.method
-        alone = method.rungs == (Rung.BLACK_BOX,)
-        how = {"anywhere": method.any_measured, "alone": alone}
+        how = {"anywhere": method.any_measured, "alone": self.alone}
         y = np.concatenate([look.used.y for look in looks], axis=1)
         model = in_a_row([look.model for look in looks])
         found = assess(plant, model, fitted, response, y, climbed.judged, theta, **how)
@@ -311,7 +315,7 @@ def operating_point(plant: Plant, looks: Sequence[Look], at: Mapping[str, float]
             raise ValueError(
                 f"{label} runs from {values.min():.3g} to {values.max():.3g} {unit} over these "
                 f"recordings, and gains are for one. Give it, at={{{name!r}: "
-                f"{values.mean():.3g}}} (--at {label}={values.mean():.3g}), or make a table over "
-                "all of them with `yawrate schedule`."
+                f"{values.mean():.3g}}} (--measured {label}={values.mean():.3g}), or make a table "
+                "over all of them with `yawrate schedule`."
             )
     return theta

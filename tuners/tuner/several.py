@@ -56,8 +56,14 @@ def _same(one: Recording, other: Recording) -> bool:
     return np.array_equal(one.y, other.y) and np.array_equal(one.u, other.u)
 
 
-def shares(plant: Plant, looks: Sequence[Look], pool: Pool) -> tuple[Share, ...]:
-    """What each recording of the first set adds, and how far it agrees."""
+def shares(plant: Plant, looks: Sequence[Look], pool: Pool, alone: bool) -> tuple[Share, ...]:
+    """What each recording of the first set adds, and how far it agrees.
+
+    Parameters
+    ----------
+    alone : bool
+        Whether nobody asked about the plant's parameters.
+    """
     found = []
     for i, look in enumerate(looks):
         apart = bool(pool.apart[i, 0])
@@ -73,8 +79,8 @@ def shares(plant: Plant, looks: Sequence[Look], pool: Pool) -> tuple[Share, ...]
                 chance=float(pool.chance[i, 0]),
                 agrees=not apart,
                 shift=dict(zip(plant.counted, pool.shift[i, 0].tolist(), strict=True)),
-                parameters=dict(zip(plant.prior, look.fit.theta[0].tolist(), strict=True)),
-                causes=causes(plant, look, others) if apart else (),
+                parameters={} if alone else parameters(plant, look),
+                causes=causes(plant, look, others) if apart and not alone else (),
             )
         )
     return tuple(found)
@@ -83,6 +89,11 @@ def shares(plant: Plant, looks: Sequence[Look], pool: Pool) -> tuple[Share, ...]
 def measured(plant: Plant, look: Look) -> dict[str, float]:
     """Measured parameters of a recording, by name."""
     return {name: float(look.theta[0, plant.indices((name,))[0]]) for name in plant.measured}
+
+
+def parameters(plant: Plant, look: Look) -> dict[str, float]:
+    """Parameters of the plant fitted to a recording alone, by name."""
+    return dict(zip(plant.prior, look.fit.theta[0].tolist(), strict=True))
 
 
 def causes(plant: Plant, look: Look, others: Sequence[Fit]) -> tuple[str, ...]:
@@ -189,12 +200,12 @@ def validation(
     from scipy.stats import chi2
 
     plant, joint, found = pooling.plant, pool.joint, pool.assessment
+    alone = pooling.alone
     fit = fitted_like(plant, joint, other.model, other.fit, other.used.y)
     every, fits = [*looks, other], (*joint.fits, fit)
     gains = np.array(list(result.gains.values()))[None]
     estimates = pooling.estimates(every, fits)
-    among = np.concatenate([~pool.apart, [[False]]])
-    among[:-1] |= ~among.any(axis=0)
+    among = np.arange(len(every))[:, None] < len(looks)  # all that the answer rests on
     distance = float(estimates.distances(among)[-1, 0])
     chance = float(chi2.sf(distance, estimates.freedom))
     seen = pooling.coordinates(every, fits, joint.at(plant, pool.theta))
@@ -217,7 +228,7 @@ def validation(
         for name, interval in intervals.items()
     )
     agrees = chance >= CHANCE
-    kept = [look.fit for k, look in enumerate(looks) if among[k, 0]]
+    kept = [look.fit for look in looks]
     against = Share(
         name=other.name,
         measured=measured(plant, other),
@@ -227,14 +238,16 @@ def validation(
         chance=chance,
         agrees=agrees,
         shift=dict(zip(plant.counted, shift[0].tolist(), strict=True)),
-        parameters=dict(zip(plant.prior, other.fit.theta[0].tolist(), strict=True)),
-        causes=() if agrees else causes(plant, other, kept),
+        parameters={} if alone else parameters(plant, other),
+        causes=() if agrees or alone else causes(plant, other, kept),
     )
     error = fit.residual if result.rung < Rung.BLACK_BOX else _left_by_black_boxes(looks, other)
     whole = float(np.linalg.norm(other.used.y[0] - other.used.y[0].mean()))
     left = float(np.linalg.norm(error[0])), float(np.sqrt(max(other.model.residual[0], 0.0)))
     reproduced, attainable = (100 * (1 - each / whole) if whole > 0 else np.nan for each in left)
-    return Validation(float(reproduced), float(attainable), intervals, within, against)
+    off = np.abs(shift[0]) > plant.metric_setting("error")
+    matters = bool((off | ~np.isfinite(shift[0])).any())
+    return Validation(float(reproduced), float(attainable), intervals, within, matters, against)
 
 
 def _left_by_black_boxes(looks: Sequence[Look], other: Look) -> Array:

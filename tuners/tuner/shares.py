@@ -81,6 +81,8 @@ class Validation:
         Metrics of the gains as this recording tells, with 90 % intervals.
     within : bool
         Whether these intervals overlap with those of the result.
+    matters : bool
+        Whether a metric is off by more than its `error`.
     against : Share
         The recording against those tuned from, all together.
     """
@@ -89,6 +91,7 @@ class Validation:
     attainable: float
     intervals: Mapping[str, Interval]
     within: bool
+    matters: bool
     against: Share = field(repr=False)
 
     @property
@@ -100,3 +103,19 @@ class Validation:
     def agrees(self) -> bool:
         """Whether it may be the same plant: its own answer and its whole response agree."""
         return self.within and self.against.agrees
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether it disagrees by so much that the gains miss."""
+        return self.matters and not self.agrees
+
+    @property
+    def sentence(self) -> str:
+        """What the recording says of the answer, in words."""
+        if self.agrees:
+            return f"{self.name} agrees with these gains."
+        verdict = "contradicts these gains" if self.matters else (
+            "is another plant, or the same one changed, by so little that these gains still suit"
+        )  # fmt: skip
+        why = self.against.sentence("the recordings tuned from")
+        return f"{self.name} {verdict}." + (f" {why}" if why else " The intervals do not overlap.")

@@ -184,7 +184,7 @@ class Tuner:
             (result,) = self.results(recordings[0], start)
         else:
             seconds = sum(each.y.shape[1] * each.Ts for each in recordings)
-            shares = several.shares(plant, looks, pool)
+            shares = several.shares(plant, looks, pool, pooling.alone)
             pool = pool.explained(several.disagreements(shares))
             said = several.notes(plant, looks, pool, shares, self.method.any_experiment)
             why = several.left(plant, looks, pool)
