@@ -8,6 +8,7 @@ plant's environment.  The plants and environments are in `yawrate_env`.
 from tuners.catalogue import NAMES, RECIPES, load, train
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import Result
+from tuners.tuner.schedule import Schedule, schedule
 from tuners.tuner.stages import Recipe
 from tuners.tuner.tuner import Tuner
 from tuners.tuner.tuner_file import TunerFileError
@@ -27,8 +28,10 @@ __all__ = [
     "Recipe",
     "Recording",
     "Result",
+    "Schedule",
     "Tuner",
     "TunerFileError",
     "load",
+    "schedule",
     "train",
 ]

@@ -16,7 +16,7 @@ except ImportError:
 import yawrate_env
 from tuners.cli.arguments import example
 
-COMMANDS = ("tune", "train", "excite", "export", "init", "dataset", "completion")
+COMMANDS = ("tune", "schedule", "train", "excite", "export", "init", "dataset", "completion")
 
 
 class Commands(click.Group):

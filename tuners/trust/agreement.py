@@ -13,6 +13,7 @@ recordings share do not count; elsewhere x are the plant's unknown parameters.
 The recording that differs most is set apart before the rest is tested.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,10 +88,18 @@ class Estimates:
         return np.where(others[1].any(axis=-1), np.maximum(found, 0.0), 0.0)
 
 
-def against_others(found: Estimates) -> tuple[Array, Array, Flags]:
+def against_others(
+    found: Estimates, without: Callable[[Flags], Estimates] | None = None
+) -> tuple[Array, Array, Flags]:
     """Chi-squares (L, B), their probabilities under one plant, and which recordings differ.
 
     Of two recordings that differ both do: nothing tells which is right.
+
+    Parameters
+    ----------
+    without : callable, optional
+        ``without(apart)``: the same with a plant fitted to all recordings but those apart (L, B),
+        which may have drawn the first one away from the others.
     """
     from scipy.stats import chi2
 
@@ -103,6 +112,7 @@ def against_others(found: Estimates) -> tuple[Array, Array, Flags]:
         if not beyond.any():
             break
         apart[worst[beyond], np.flatnonzero(beyond)] = True
+        found = found if without is None else without(apart)
     distances = found.distances(~apart)
     chance = chi2.sf(distances, found.freedom)
     return distances, chance, apart | (chance < CHANCE / L)

@@ -6,7 +6,7 @@ a check finds in a single recording counts with its worst one.  Every recording 
 the others (`tuners.trust.agreement`).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from tuners.trust.black_box import BlackBox
 from tuners.trust.checks import Assessment, assess, metric_slopes
 from tuners.trust.findings import MISS
 from tuners.trust.fit import Fit
-from tuners.trust.joint import Joint, joint_fit
+from tuners.trust.joint import Joint, fitted_like, joint_fit
 from tuners.trust.pooled_response import Coordinates, pooled, shifted
 from tuners.trust.pooled_response import mean as weighted
 from tuners.trust.response import Response
@@ -27,7 +27,7 @@ from tuners.tuner.look import Look
 from tuners.tuner.method import Gains, Method, Rung
 from tuners.tuner.recording import Recording
 from yawrate_env.loop.design import Status
-from yawrate_env.plant.names import OF_METRICS, check_name, split
+from yawrate_env.plant.names import OF_METRICS, check_name
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -36,7 +36,15 @@ Flags = NDArray[np.bool_]
 DISAGREE = "logs"
 """Name of the check whether recordings agree."""
 
+FAR = "extrapolated"
+"""Name of the check how far from the recordings the gains are wanted."""
+
 _OF_ALL = ("limited", "unsolved", "undesigned", "outside", "parts")
+_FAR = 0.1  # of a measured parameter's range: no farther from the recordings without care
+_FAR_OFF = (
+    "No recording comes near the operating point that the gains are for: there they rest on the "
+    "plant's data. Record there."
+)
 _DIFFER = "The recordings do not show one plant."
 
 
@@ -104,19 +112,24 @@ class Pooling:
         """Whether only recordings are asked, and not what the plant's simulator makes of them."""
         return self.method.rungs == (Rung.BLACK_BOX,)
 
-    def pool(self, looks: Sequence[Look], theta: Array, known: Flags) -> Pool:
+    def fit(self, looks: Sequence[Look]) -> Joint:
+        """One plant fitted to all recordings of a set."""
+        parts = [look.model for look in looks], [look.fit for look in looks]
+        return joint_fit(self.plant, *parts, [look.used.y for look in looks])
+
+    def pool(self, looks: Sequence[Look], joint: Joint, theta: Array, known: Flags) -> Pool:
         """Pool L recordings of each of B sets.
 
         Parameters
         ----------
+        joint : Joint
+            What `fit` gives for them.
         theta : (B, p) float64
             Measured parameters that the gains are for.
         known : (B,) bool
             Whether the tuner was made for these.
         """
         plant = self.plant
-        models, alone = [look.model for look in looks], [look.fit for look in looks]
-        joint = joint_fit(plant, models, alone, [look.used.y for look in looks])
         fitted = joint.at(plant, theta)
         together = self.together(looks, theta)
         seen = self.coordinates(looks, joint.fits, fitted)
@@ -127,10 +140,12 @@ class Pooling:
             climbed = climbed.without(climbed.rung == Rung.BLACK_BOX)
         climbed = climbed.without(np.all([look.still for look in looks], axis=0))
         assessment = self._assessed(looks, joint, fitted, response, climbed, theta, together)
-        estimates = self.estimates(looks, joint.fits)
-        chi_square, chance, apart = against_others(estimates)
+        kept = _Kept(self, looks, joint)
+        chi_square, chance, apart = against_others(kept.estimates(), kept.without)
+        estimates, fits = kept.estimates(), kept.fits
+        compared = self.coordinates(looks, fits, _like(fits[0], plant, theta))
         shift = np.stack([
-            self.shifted(i, among, estimates, seen, assessment, climbed.gains.values)
+            self.shifted(i, among, estimates, compared, assessment, climbed.gains.values)
             for i, among in enumerate(_others(apart))
         ])  # fmt: skip
         shares = joint.shares
@@ -138,11 +153,24 @@ class Pooling:
             shares = seen.shares
         error = plant.metric_setting("error")
         differs = np.where(apart, np.nan_to_num(np.abs(shift) / error, nan=np.inf).max(axis=2), 0)
-        finding = Finding(differs.max(axis=0), 1.0, MISS, _DIFFER)
+        further = {
+            DISAGREE: Finding(differs.max(axis=0), 1.0, MISS, _DIFFER),
+            FAR: Finding(self.far(looks, theta), _FAR, np.inf, _FAR_OFF),
+        }
         return Pool(
-            climbed, assessment.followed_by({DISAGREE: finding}), joint, theta, shares,
+            climbed, assessment.followed_by(further), joint, theta, shares,
             chi_square, chance, estimates.freedom, apart, shift,
         )  # fmt: skip
+
+    def far(self, looks: Sequence[Look], theta: Array) -> Array:
+        """Distance (B,) of measured parameters from the recordings', in widths of their ranges."""
+        plant, most = self.plant, np.zeros(len(theta))
+        low, high = plant.ranges
+        for i in plant.indices(plant.measured_names):
+            taken = np.stack([look.theta[:, i] for look in looks])
+            beyond = np.maximum(taken.min(axis=0) - theta[:, i], theta[:, i] - taken.max(axis=0))
+            most = np.maximum(most, beyond / (high[i] - low[i]))
+        return most
 
     def together(self, looks: Sequence[Look], theta: Array) -> bool:
         """Whether all recordings were taken at the operating point that gains are for."""
@@ -256,6 +284,41 @@ class Pooling:
         return replace(found, findings=findings)
 
 
+@dataclass(slots=True)
+class _Kept:
+    """Recordings of one set, and the plant fitted to those that agree."""
+
+    pooling: Pooling
+    looks: Sequence[Look]
+    joint: Joint
+    fits: Sequence[Fit] = ()
+
+    def __post_init__(self) -> None:
+        self.fits = self.joint.fits
+
+    def estimates(self) -> Estimates:
+        """What is compared, beyond that plant."""
+        return self.pooling.estimates(self.looks, self.fits)
+
+    def without(self, apart: Flags) -> Estimates:
+        """The same with the plant fitted again; for several sets at once it stays."""
+        if apart.shape[1] == 1:
+            plant = self.pooling.plant
+            some = [look for look, away in zip(self.looks, apart[:, 0], strict=True) if not away]
+            joint = self.pooling.fit(some)
+            self.fits = [
+                fitted_like(plant, joint, look.model, look.fit, look.used.y) for look in self.looks
+            ]
+        return self.estimates()
+
+
+def _like(fitted: Fit, plant: Plant, theta: Array) -> Fit:
+    """A fitted plant with other measured parameters (B, p)."""
+    shared = theta.copy()
+    shared[:, plant.unknown] = fitted.theta[:, plant.unknown]
+    return replace(fitted, theta=shared)
+
+
 def _others(apart: Flags) -> Flags:
     """For each recording the others (L, L, B) that agree; all others, where none does."""
     eye = np.eye(len(apart), dtype=np.bool_)[:, :, None]
@@ -293,29 +356,3 @@ def in_a_row(models: Sequence[BlackBox]) -> BlackBox:
 
 def _responses(looks: Sequence[Look]) -> list[Response]:
     return [look.response for look in looks if look.response is not None]
-
-
-def operating_point(plant: Plant, looks: Sequence[Look], at: Mapping[str, float] | None) -> Array:
-    """Measured parameters (B, p) that gains are for: those given, or in common.
-
-    Raises
-    ------
-    ValueError
-        Recordings differ by more than the plant's measured parameters may, and none is given.
-    """
-    theta = looks[0].theta.copy()
-    for name, slack in plant.measured.items():
-        (i,) = plant.indices((name,))
-        values = np.stack([look.theta[:, i] for look in looks])
-        theta[:, i] = values.mean(axis=0)
-        if at is not None and name in at:
-            theta[:, i] = plant.check_value(name, at[name])
-        elif (np.ptp(values, axis=0) > 2 * slack).any():
-            label, unit = split(plant.label(name))
-            raise ValueError(
-                f"{label} runs from {values.min():.3g} to {values.max():.3g} {unit} over these "
-                f"recordings, and gains are for one. Give it, at={{{name!r}: "
-                f"{values.mean():.3g}}} (--measured {label}={values.mean():.3g}), or make a table "
-                "over all of them with `yawrate schedule`."
-            )
-    return theta

@@ -129,6 +129,9 @@ class Result:
         The loop of the gains around the recording's own response, where that answers.
     plant : Plant
         What the tuner was made for.
+    gain_intervals, exact_gain_intervals : dict
+        By the gain's name: the gain with a 90 % interval by the delta method, as far as the
+        recording itself tells, and if the plant's data are exact.
     logs : tuple of Share
         What each of several recordings adds, and how far it agrees; empty for a single one.
     validation : Validation, optional
@@ -150,6 +153,8 @@ class Result:
     fit: FittedPlant = field(repr=False)
     open_loop: OpenLoop | None = field(repr=False)
     plant: Plant = field(repr=False)
+    gain_intervals: Mapping[str, Interval] = field(default_factory=dict, repr=False)
+    exact_gain_intervals: Mapping[str, Interval] = field(default_factory=dict, repr=False)
     logs: tuple[Share, ...] = field(default=(), repr=False)
     validation: Validation | None = field(default=None, repr=False)
 

@@ -18,42 +18,18 @@ from tuners.tuner.ladder import differs
 from tuners.tuner.look import Look
 from tuners.tuner.method import Rung
 from tuners.tuner.pooling import DISAGREE, Pool, Pooling
-from tuners.tuner.recording import Recording
 from tuners.tuner.result import Result
 from tuners.tuner.shares import Share, Validation
-from yawrate_env import validation as validation_of
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
+_NONE_AGREE = (
+    "No two recordings show one plant: it changed between them, or its data are wrong in a way "
+    "that differs over their operating points."
+)
 _TELLING = 3.0  # standard deviations by which a parameter differs
-
-
-def names(recordings: Sequence[Recording], given: Sequence[str]) -> list[str]:
-    """Names of recordings, checked: one for each, or none."""
-    for i, recording in enumerate(recordings):
-        remedy = "Make one with Recording.of(plant, u, y, Ts)."
-        validation_of.instance(f"recordings[{i}]", recording, Recording, remedy=remedy)
-        if len(recording) != 1:
-            raise ValueError(
-                f"recordings[{i}] has {len(recording)} episodes, not 1. Give its parts one by one."
-            )
-        for k in range(i):
-            if _same(recording, recordings[k]):
-                raise ValueError(
-                    f"recordings[{i}] is recordings[{k}] once more: the same information does not "
-                    "count twice. Leave one out."
-                )
-    if given and len(given) != len(recordings):
-        raise ValueError(
-            f"names has {len(given)} names for {len(recordings)} recordings. Give one for each."
-        )
-    return list(given) or [f"recording {i + 1}" for i in range(len(recordings))]
-
-
-def _same(one: Recording, other: Recording) -> bool:
-    return np.array_equal(one.y, other.y) and np.array_equal(one.u, other.u)
 
 
 def shares(plant: Plant, looks: Sequence[Look], pool: Pool, alone: bool) -> tuple[Share, ...]:
@@ -177,6 +153,8 @@ def notes(
 def disagreements(found: Sequence[Share]) -> tuple[str, ...]:
     """Which recordings differ, and how, in words; of two both do."""
     apart = [share for share in found if not share.agrees]
+    if len(apart) == len(found) > 2:
+        return (_NONE_AGREE,)
     if len(found) == 2:
         return tuple(each.sentence(found[1].name) for each in apart[:1])
     return tuple(share.sentence() for share in apart)

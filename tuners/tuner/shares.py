@@ -64,7 +64,7 @@ class Share:
         shown = f" shows {' and '.join(parts)} with these gains than {others}" if parts else (
             f" disagrees with {others}"
         )  # fmt: skip
-        test = f" (chi-square {self.chi_square:.4g}, by chance about {self.freedom})"
+        test = f" (χ² {self.chi_square:.0f}, by chance about {self.freedom})"
         return " ".join([f"{self.name}{shown}{test}.", *self.causes])
 
 

@@ -17,11 +17,12 @@ from tuners.trust.fit import fit
 from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.response import Response
 from tuners.trust.verdict import Finding, worst
-from tuners.tuner import notes, several, tuner_file
+from tuners.tuner import notes, tuner_file
+from tuners.tuner.gain_intervals import exact_gain_intervals, gain_intervals
 from tuners.tuner.ladder import Climb, climb, left
 from tuners.tuner.look import Look
 from tuners.tuner.method import Gains, Method, Rung
-from tuners.tuner.pooling import Pooling, operating_point
+from tuners.tuner.pools import pools
 from tuners.tuner.reasons import reasons
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
@@ -133,7 +134,7 @@ class Tuner:
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
         """Results for every episode, each as `tune` gives it."""
         climbed, assessment = self.climb(recording, start)
-        assessment = self._sampled(recording, assessment)
+        assessment = self.sampled(recording, assessment)
         given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
         return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
 
@@ -170,32 +171,21 @@ class Tuner:
         ValueError
             A recording cannot be used, or the recordings have no operating point in common.
         """
-        validation.count("number of recordings", len(recordings), remedy="Give one or more.")
-        plant, given = self.plant, [*recordings, *([] if validate is None else [validate])]
-        looks = [
-            replace(self.look(recording, start), name=name)
-            for recording, name in zip(given, several.names(given, names), strict=True)
-        ]
-        further, looks = looks[len(recordings) :], looks[: len(recordings)]
-        theta = operating_point(plant, looks, at)
-        pooling = Pooling(plant, self.method, self._sampled)
-        pool = pooling.pool(looks, theta, self.known(theta))
-        if len(looks) == 1 and at is None:
-            (result,) = self.results(recordings[0], start)
-        else:
-            seconds = sum(each.y.shape[1] * each.Ts for each in recordings)
-            shares = several.shares(plant, looks, pool, pooling.alone)
-            pool = pool.explained(several.disagreements(shares))
-            said = several.notes(plant, looks, pool, shares, self.method.any_experiment)
-            why = several.left(plant, looks, pool)
-            result = self.answer(pool.climbed, pool.assessment, 0, why, said, seconds)
-            result = replace(result, logs=shares)
-        for each in further:
-            held = several.validation(pooling, looks, each, pool, result, self.calibration)
-            result = replace(result, validation=held)
-        return result
+        return self.pools(recordings, [at], names=names, validate=validate, start=start)[0]
 
-    def _sampled(self, recording: Recording, assessment: Assessment) -> Assessment:
+    def pools(
+        self,
+        recordings: Sequence[Recording],
+        ats: Sequence[Mapping[str, float] | None],
+        *,
+        names: Sequence[str] = (),
+        validate: Recording | None = None,
+        start: str = "auto",
+    ) -> tuple[Result, ...]:
+        """Tune from several recordings for several operating points, each as `pool` does."""
+        return pools(self, recordings, ats, names, validate, start)
+
+    def sampled(self, recording: Recording, assessment: Assessment) -> Assessment:
         """The same with checks of how the recording was sampled."""
         plant = self.plant
         if recording.Ts > plant.Ts * (1 + notes.ROUNDED):
@@ -237,6 +227,7 @@ class Tuner:
         plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
         alone = climbed.rung[i] >= Rung.BLACK_BOX
+        widest = max(self.calibration)
         return Result(
             gains=self._named(gains.values[i]),
             intervals=_intervals(plant, found.metrics[i], found.spread[i], self.calibration),
@@ -254,6 +245,8 @@ class Tuner:
             + notes.slow_integral(plant, gains.values[i], seconds),
             fallback=self._named(self.fallback),
             checks=checks,
+            gain_intervals=gain_intervals(plant, gains.values[i], found, i, widest),
+            exact_gain_intervals=exact_gain_intervals(plant, gains.values[i], found, i),
             fit=FittedPlant.of(plant, found, i, alone),
             open_loop=_open_loop(gains.values[i], found, i) if alone else None,
             plant=self.plant,

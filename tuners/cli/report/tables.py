@@ -40,6 +40,7 @@ CHECKS = {
     "stretched": "The experiment's samples at another sampling time",
     "unsolved": "Design or numerics failed",
     "logs": "Logs that disagree, in metrics' limits",
+    "extrapolated": "Distance from the logs' operating points, in ranges",
 }
 """Checks of every plant, as tables name them."""
 
