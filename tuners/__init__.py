@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from tuners.catalogue import NAMES, RECIPES, load, train
     from tuners.tuner.recording import Recording
     from tuners.tuner.result import Result
+    from tuners.tuner.schedule import Schedule, schedule
     from tuners.tuner.stages import Recipe
     from tuners.tuner.tuner import Tuner
     from tuners.tuner.tuner_file import TunerFileError
@@ -28,6 +29,8 @@ _PLACES = {
     "Recording": "tuners.tuner.recording",
     "Result": "tuners.tuner.result",
     "Recipe": "tuners.tuner.stages",
+    "Schedule": "tuners.tuner.schedule",
+    "schedule": "tuners.tuner.schedule",
     "Tuner": "tuners.tuner.tuner",
     "TunerFileError": "tuners.tuner.tuner_file",
     "Metric": "yawrate_env.plant.metric",
@@ -49,9 +52,11 @@ __all__ = [
     "Recipe",
     "Recording",
     "Result",
+    "Schedule",
     "Tuner",
     "TunerFileError",
     "load",
+    "schedule",
     "train",
 ]
 

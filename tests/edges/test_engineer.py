@@ -9,7 +9,7 @@ from drives import PAPER, drive
 from log_files import write
 
 import tuners
-from tuners.cli.tune import DEFAULT
+from tuners.cli.tuning import DEFAULT
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.vehicle_file import example
 from yawrate_env.vehicle.yaw_rate import yaw_rate

@@ -9,6 +9,9 @@ import click
 
 LARGEST_COUNT = 1e9
 
+UNUSABLE, REFUSED = 1, 3
+"""Exit statuses where a log cannot be used, and where gains are refused."""
+
 
 def example(line: str) -> str:
     """The end of a command's help; click does not wrap it."""

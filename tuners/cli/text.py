@@ -1,7 +1,7 @@
 """A tuning result as text for people."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from tuners.trust.intervals import Interval
 from tuners.trust.verdict import Check, Verdict
 from tuners.tuner.method import Rung
 from tuners.tuner.result import Result
+from tuners.tuner.shares import Share, Validation
 from yawrate_env.plant.names import split, valued
 from yawrate_env.plant.plant import Plant
 
@@ -23,6 +24,13 @@ RUNGS = {
 }
 """Whose gains a result has."""
 
+_ANSWERED_BY_ALL = {
+    Rung.METHOD: "the tuner's answers to all logs, weighted",
+    Rung.FITTED_PLANT: "the plant fitted to all logs together",
+    Rung.BLACK_BOX: "the logs' own responses together, without the plant's data",
+    Rung.NONE: "nothing",
+}
+
 VERDICTS = {
     Verdict.USABLE: "USABLE",
     Verdict.USABLE_WITH_CARE: "USABLE WITH CARE",
@@ -30,8 +38,14 @@ VERDICTS = {
 }
 
 
-def as_text(result: Result, log: Log) -> str:
-    """The verdict and its reasons, then aligned lines; metrics only where gains are usable."""
+def as_text(result: Result, log: Log, logs: Sequence[Log] = ()) -> str:
+    """The verdict and its reasons, then aligned lines; metrics only where gains are usable.
+
+    Parameters
+    ----------
+    logs : sequence of Log
+        All of them, where there are several.
+    """
     plant, forms = result.plant, forms_of(result)
     units = gain_units(plant)
     rows = [(split(name)[0], quantity(v, units[name])) for name, v in result.gains.items()]
@@ -46,12 +60,50 @@ def as_text(result: Result, log: Log) -> str:
     parts = [VERDICTS[result.verdict], *reasons, "", *table]
     if not result.trusted:
         parts += ["", fallback_text(result.fallback, units)]
+    if result.validation is not None:
+        parts += ["", *validated(result)]
     notes = ["", "Notes", *(f"  - {note}" for note in result.notes)] if result.notes else []
-    return "\n".join([f"{log.source}: {described(log, plant)}", "", *parts, *notes])
+    return "\n".join([*_headed(result, log, logs), "", *parts, *notes])
+
+
+def _headed(result: Result, log: Log, logs: Sequence[Log]) -> list[str]:
+    """A line for each log, with its share of the information where there are several."""
+    plant = result.plant
+    if not logs:
+        return [f"{log.source}: {described(log, plant)}"]
+    width = max(len(one.source) for one in logs) + 1
+    return [
+        f"{f'{one.source}:':<{width}} {described(one, plant)}, {agreement(share)}"
+        for one, share in zip(logs, result.logs, strict=True)
+    ]
+
+
+def agreement(share: Share) -> str:
+    """What a log adds, and whether it agrees with the others."""
+    disagrees = "" if share.agrees else ", DISAGREES"
+    return f"{share.share:.0%} of the information{disagrees}"
+
+
+def validated(result: Result) -> list[str]:
+    """What a further log says of the answer."""
+    held = result.validation
+    if held is None:
+        return []
+    rows = [("fit", fit_percent(held))]
+    rows += [(metric_name(n), between(i, unit_of(n))) for n, i in held.intervals.items()]
+    width = max(len(name) for name, _ in rows) + 2
+    return ["Validation", f"  {held.sentence}", *(f"  {n:<{width}}{v}" for n, v in rows)]
+
+
+def fit_percent(held: Validation) -> str:
+    """Share of the output that is reproduced, and the share that can be."""
+    return f"{held.fit:.1f} % of the output; a model of this log alone {held.attainable:.1f} %"
 
 
 def answered_by(result: Result) -> str:
     """Whose gains these are."""
+    if result.logs:
+        return _ANSWERED_BY_ALL[result.rung]
     words = {
         Rung.METHOD: "the tuner, confirmed by the plant fitted to the recording",
         Rung.FITTED_PLANT: "the plant fitted to the recording",

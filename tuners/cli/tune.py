@@ -2,54 +2,57 @@
 
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from tuners.cli.arguments import READABLE, Output, example, refuse_overwriting
+from tuners.cli.arguments import READABLE, REFUSED, Output, example, refuse_overwriting
+from tuners.cli.log_files import LOGS, log_files, read_each, recordings
 from tuners.cli.log_options import log_options
-from tuners.cli.sources import load_tuner
 from tuners.cli.target_options import Changes, changed, target_options
-from tuners.logs import Log, MissingParameterError, Options, SelectionError, read_log
-from tuners.trust.black_box import STARTS
+from tuners.cli.tuning import (
+    pooled,
+    several_logs,
+    start_option,
+    tuned,
+    tuner_and_log,
+    tuner_option,
+)
+from tuners.logs import Log, Options, SelectionError
 from tuners.trust.verdict import Verdict
 from tuners.tuner.result import Result
 from tuners.tuner.tuner import Tuner
 
-DEFAULT = "ts-ff-lag-vx"
-WITHOUT = "bb"
-"""What tunes by default, and what does without a measured parameter."""
-
-REFUSED = 3
+TABLES = ".csv", ".parquet"
 
 
 @click.command(epilog=example("yawrate tune log.csv --input-unit deg --report report.html"))
-@click.argument("log", type=READABLE)
+@click.argument("logs", type=LOGS, nargs=-1, required=True, metavar="LOG...")
 @log_options
+@start_option
+@tuner_option
 @click.option(
-    "--start",
-    type=click.Choice(STARTS),
-    default="auto",
-    show_default=True,
-    help="Whether the recording starts from rest without offsets, at an operating point (offset), "
-    "or anyhow; auto decides by the data.",
+    "--validate",
+    type=READABLE,
+    help="A further log, which the gains do not come from: how well the tuned plant reproduces "
+    "it, and whether its own answer agrees.",
 )
-@click.option(
-    "--tuner",
-    metavar="NAME|FILE",
-    help="A tuner that the package ships, or a file of `yawrate train`; by default "
-    f"{DEFAULT}, or {WITHOUT} where the log gives no speed.",
-)
+@click.option("--each", is_flag=True, help="Tune every log by itself: a table, one row a log.")
+@click.option("--out", type=Output(), help="File for the table of --each: *.csv or *.parquet.")
 @target_options
 @click.option("--report", type=Output(".html"), help="Write a report to this HTML file.")
 @click.option("--strict", is_flag=True, help="Exit with 3 also where gains need care.")
 @click.option("--json", "machine", is_flag=True, help="Print one JSON object.")
 def command(
-    log: Path,
+    logs: tuple[Path, ...],
     options: Options,
     start: str,
     tuner: str | None,
+    validate: Path | None,
+    each: bool,
+    out: Path | None,
     target: Changes,
     report: Path | None,
     strict: bool,
@@ -61,58 +64,100 @@ def command(
     plant calls its signals and measured parameters (u and y; for a vehicle steer, yaw_rate
     and speed), or similarly, need no flags.  Of a long log the best-excited stretch is used.
 
-    Exit status: 0 usable, with care or without, 3 refused, 1 unusable data, 2 wrong usage.
+    Several LOGs, or a folder of them, are of one plant: their information adds up, and a log
+    that disagrees with the others is named.  The gains are for the speed that they have in
+    common; where they have none, --speed or --measured says which, and `yawrate schedule`
+    makes a table over all of them.
+
+    Exit status: 0 usable, with care or without, 3 refused or contradicted by --validate,
+    1 unusable data, 2 wrong usage.  Of --each: 0 all usable, 3 some refused, 1 some unusable.
     """
-    refuse_overwriting(report, log, tuner)
+    files = log_files(logs)
+    _check(files, validate, each, out, report, machine)
+    for path in files:
+        refuse_overwriting(report, path, tuner)
+        refuse_overwriting(out, path, tuner)
+    refuse_overwriting(report, validate)
     try:
-        tuner, trained, recording = _read(log, options, tuner)
+        if each:
+            from tuners.cli.each import tune_each
+
+            sys.exit(tune_each(files, options, start, tuner, out, strict))
+        tuner, result, read = _answer(files, options, start, tuner, validate, target)
     except SelectionError as error:
         raise click.UsageError(str(error)) from None
-    result = retargeted(trained, recording, start, options.input_scale, target)
     from tuners.cli.answer import as_json
     from tuners.cli.text import as_text
 
     if machine:
-        click.echo(json.dumps(as_json(result, recording, tuner), indent=1, allow_nan=False))
+        answer = as_json(result, read[0], tuner, read if len(files) > 1 else ())
+        click.echo(json.dumps(answer, indent=1, allow_nan=False))
     else:
-        click.echo(as_text(result, recording))
+        click.echo(as_text(result, read[0], read if len(files) > 1 else ()))
     if report is not None:
         from tuners.cli.report import write_report
 
-        write_report(report, result, recording, tuner)
+        write_report(report, result, read[0], tuner, read if len(files) > 1 else ())
     enough = result.verdict is Verdict.USABLE if strict else result.trusted
+    if result.validation is not None:
+        enough = enough and not result.validation.contradicts
     sys.exit(0 if enough else REFUSED)
 
 
-def _read(log: Path, options: Options, name: str | None) -> tuple[str, Tuner, Log]:
-    """The tuner's name, the tuner and the log; by default the one that the log suffices for."""
-    chosen = name or DEFAULT
-    trained = load_tuner(chosen)
-    try:
-        return chosen, trained, read_log(log, trained.plant, options)
-    except MissingParameterError:
-        if name is not None:
-            raise
-    trained = load_tuner(WITHOUT)
-    return WITHOUT, trained, read_log(log, trained.plant, options)
+def _check(
+    files: Sequence[Path],
+    validate: Path | None,
+    each: bool,
+    out: Path | None,
+    report: Path | None,
+    machine: bool,
+) -> None:
+    """Refuse options that contradict each other."""
+    if validate is not None and any(validate.samefile(path) for path in files):
+        raise click.UsageError(
+            f"--validate {validate} is tuned from, too: it would agree with itself. Name another."
+        )
+    if not each:
+        if out is not None:
+            raise click.UsageError("--out is for the table of --each: give that too.")
+        return
+    given = {"--validate": validate, "--report": report, "--json": machine or None}
+    for name, value in given.items():
+        if value is not None:
+            raise click.UsageError(f"--each and {name} contradict each other: leave out one.")
+    if out is not None and out.suffix not in TABLES:
+        raise click.UsageError(f"--out {out} must end in {' or '.join(TABLES)}.")
 
 
-def retargeted(tuner: Tuner, log: Log, start: str, input_scale: float, changes: Changes) -> Result:
-    """The result for a log, for the tuner's target or with changes of it."""
-    result = tuned(tuner, log, start, input_scale)
-    if not changes:
-        return result
-    other = tuner.for_target(changed(tuner.plant, changes), result.rung)
-    return tuned(other, log, start, input_scale).after(result)
+def _answer(
+    files: Sequence[Path],
+    options: Options,
+    start: str,
+    name: str | None,
+    validate: Path | None,
+    changes: Changes,
+) -> tuple[str, Result, list[Log]]:
+    """The tuner's name, its result, and the logs that it comes from."""
+    if len(files) == 1:
+        name, trained, log = tuner_and_log(files[0], options, name)
+        further = [] if validate is None else read_each([validate], trained.plant, options)
+        read = [log, *further]
+    else:
+        paths = [*files, *([] if validate is None else [validate])]
+        name, trained, read = several_logs(paths, options, name)
 
+    def answered(tuner: Tuner) -> Result:
+        if len(files) > 1:
+            return pooled(tuner, read, options, start, validate is not None)
+        result = tuned(tuner, read[0], start, options.input_scale)
+        if validate is None:
+            return result
+        own, other = recordings(tuner.plant, read)
+        held = tuner.pool([own], names=[log.source for log in read], validate=other, start=start)
+        return replace(result, validation=held.validation)
 
-def tuned(tuner: Tuner, log: Log, start: str, input_scale: float) -> Result:
-    """The result for a log, its notes and hints included."""
-    from tuners.cli.hints import Array, hints
-
-    def tune(u: Array, y: Array, measured: dict[str, Array]) -> Result:
-        return tuner.tune(u, y, log.Ts, measured, start, log.input)
-
-    result = tune(log.u, log.y, log.measured)
-    notes = (*log.notes, *result.notes, *hints(tune, log, result, input_scale))
-    return replace(result, notes=notes)
+    result = answered(trained)
+    if changes:
+        other = trained.for_target(changed(trained.plant, changes), result.rung)
+        result = answered(other).after(result)
+    return name, result, read[: len(files)]

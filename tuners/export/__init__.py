@@ -32,7 +32,9 @@ from tuners.export.features_program import features_program
 from tuners.export.gains import Gains, plant_settings
 from tuners.export.onnx_tuner import onnx_model
 from tuners.export.pi_program import REALS, pi_program
+from tuners.export.schedule_program import GainTable, schedule_program
 from tuners.export.tuner_program import first_stage_program, tuner_program
+from tuners.tuner.schedule import Schedule
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.files import check_regular, replacing, write_text
@@ -41,6 +43,7 @@ from yawrate_env.plant.plant import Plant
 __all__ = [
     "TARGETS",
     "DigitalPI",
+    "GainTable",
     "Gains",
     "export",
     "features_program",
@@ -51,7 +54,9 @@ __all__ = [
     "onnx_model",
     "pi_program",
     "plant_settings",
+    "schedule_program",
     "tuner_program",
+    "write_schedule",
 ]
 
 TARGETS = ("c", "matlab", "json", "onnx")
@@ -121,6 +126,14 @@ def export(
         text = json_text(gains.pi(Ts, limits))
     write_text(where, text)
     return [where]
+
+
+def write_schedule(
+    source: Schedule | GainTable, path: str | os.PathLike[str], *, real: str = "double"
+) -> list[Path]:
+    """Write gains over a measured parameter as a C99 table with interpolation, into a folder."""
+    table = source if isinstance(source, GainTable) else GainTable.of(source)
+    return _write_all(Path(path), schedule_program(table, real=real))
 
 
 def _write_all(folder: Path, files: dict[str, str]) -> list[Path]:

@@ -85,7 +85,7 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     for _ in range(_POLISHING):
         if settled.all():
             break
-        error, slopes = _signals(plant, theta, model)
+        error, slopes = signals(plant, theta, model)
         inverse, _ = drawn_to_prior(slopes, (error**2).mean(axis=1))
         step = (inverse @ (slopes @ error[..., None]))[..., 0]
         step = np.where(model.unknown[:, None] & np.isfinite(step), step, 0.0)
@@ -93,7 +93,7 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
         settled = np.abs(step).max(axis=1, initial=0.0) <= _SETTLED
         gained = ((step[:, None] @ slopes)[:, 0] ** 2).sum(axis=1)  # of what noise may do
         settled |= gained <= _UNSEEN * (error**2).mean(axis=1)
-    error, slopes = _signals(plant, theta, model)
+    error, slopes = signals(plant, theta, model)
     noise = noise_level(error, model.Ts, plant.crossover)
     if plant.crossover is None:  # interpolation reduces the noise of most frequencies
         noise = noise * model.oversampled
@@ -155,7 +155,7 @@ def _band(N: int, Ts: float, crossover: float) -> slice:
     return slice(min(low, N // 2), high + 1)
 
 
-def _signals(plant: Plant, theta: Array, model: BlackBox) -> tuple[Array, Array]:
+def signals(plant: Plant, theta: Array, model: BlackBox) -> tuple[Array, Array]:
     """Output errors (B, N) and slopes (B, q, N), free responses projected out where unknown."""
     error = model.y - plant.respond(theta, model.u)
     signals = np.concatenate([error[:, None], output_slopes(plant, theta, model.u)], axis=1)

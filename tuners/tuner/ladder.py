@@ -160,10 +160,10 @@ def left(
         return ()
     if (GAUSSIAN * found.spread[i] > plant.metric_setting("widest")).any():
         return ()  # so little is known that no difference means anything
-    return explanations(plant, found.model, found.fit, i) or _differs(plant, climbed, response, i)
+    return explanations(plant, found.model, found.fit, i) or differs(plant, climbed, response, i)
 
 
-def _differs(plant: Plant, climbed: Climb, response: Response, i: int) -> tuple[str, ...]:
+def differs(plant: Plant, climbed: Climb, response: Response, i: int) -> tuple[str, ...]:
     """How the recording's response at the crossover differs from the fitted plant's."""
     target = response.target
     fitted = plant.parametrisation.encode(climbed.refined[[i]])[0]

@@ -161,7 +161,7 @@ class Recording:
         if same:
             Ts, y = self.Ts, self.y
         else:
-            y = spline(self.y, at * (Ts / self.Ts))
+            y = spline(self.y, np.asarray(at * (Ts / self.Ts), dtype=np.float64))
         if self.input == "lines":
             u = held_like_lines(self.u, self.Ts, Ts * at.astype(np.float64), Ts)
         else:  # what holds over the larger part of a sample: clocks may differ by a few ppm

@@ -12,6 +12,7 @@ from tuners.trust.intervals import Interval
 from tuners.trust.response import Response
 from tuners.trust.verdict import Check, Verdict, worst
 from tuners.tuner.method import Rung
+from tuners.tuner.shares import Share, Validation
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -131,6 +132,13 @@ class Result:
         What the recording itself shows of the plant, where metrics are a PI loop's.
     plant : Plant
         What the tuner was made for.
+    gain_intervals, exact_gain_intervals : dict
+        By the gain's name: the gain with a 90 % interval by the delta method, as far as the
+        recording itself tells, and if the plant's data are exact.
+    logs : tuple of Share
+        What each of several recordings adds, and how far it agrees; empty for a single one.
+    validation : Validation, optional
+        A further recording held against the answer.
     """
 
     gains: Mapping[str, float]
@@ -149,6 +157,10 @@ class Result:
     open_loop: OpenLoop | None = field(repr=False)
     response: Response | None = field(repr=False)
     plant: Plant = field(repr=False)
+    gain_intervals: Mapping[str, Interval] = field(default_factory=dict, repr=False)
+    exact_gain_intervals: Mapping[str, Interval] = field(default_factory=dict, repr=False)
+    logs: tuple[Share, ...] = field(default=(), repr=False)
+    validation: Validation | None = field(default=None, repr=False)
 
     @property
     def trusted(self) -> bool:

@@ -1,7 +1,7 @@
 """The tuner: it tunes recordings, acts as a policy and is saved, whatever finds the gains."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -18,8 +18,11 @@ from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.response import Response
 from tuners.trust.verdict import Finding, worst
 from tuners.tuner import notes, tuner_file
+from tuners.tuner.gain_intervals import exact_gain_intervals, gain_intervals
 from tuners.tuner.ladder import Climb, climb, left
+from tuners.tuner.look import Look
 from tuners.tuner.method import Gains, Method, Rung
+from tuners.tuner.pools import pools
 from tuners.tuner.reasons import reasons
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
@@ -145,7 +148,61 @@ class Tuner:
 
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
         """Results for every episode, each as `tune` gives it."""
-        plant, climbed, assessment = self.plant, *self.climb(recording, start)
+        climbed, assessment = self.climb(recording, start)
+        assessment = self.sampled(recording, assessment)
+        given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
+        return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
+
+    def pool(
+        self,
+        recordings: Sequence[Recording],
+        at: Mapping[str, float] | None = None,
+        *,
+        names: Sequence[str] = (),
+        validate: Recording | None = None,
+        start: str = "auto",
+    ) -> Result:
+        """Tune from several recordings of one plant, whose information adds up.
+
+        Friction, load and whatever else is unknown is the same in all of them; measured
+        parameters, such as a speed, are each recording's own.
+
+        Parameters
+        ----------
+        recordings : sequence of Recording
+            One episode each, of any length and sampling time.
+        at : dict, optional
+            Measured parameters that the gains are for; what the recordings have in common, if
+            omitted.
+        names : sequence of str, optional
+            Of the recordings, and of the one that validates: ``recording 1`` and so on if omitted.
+        validate : Recording, optional
+            A further recording, which the answer does not come from, to hold against it.
+        start : str
+            As for `tune`.
+
+        Raises
+        ------
+        ValueError
+            A recording cannot be used, or the recordings have no operating point in common.
+        """
+        return self.pools(recordings, [at], names=names, validate=validate, start=start)[0]
+
+    def pools(
+        self,
+        recordings: Sequence[Recording],
+        ats: Sequence[Mapping[str, float] | None],
+        *,
+        names: Sequence[str] = (),
+        validate: Recording | None = None,
+        start: str = "auto",
+    ) -> tuple[Result, ...]:
+        """Tune from several recordings for several operating points, each as `pool` does."""
+        return pools(self, recordings, ats, names, validate, start)
+
+    def sampled(self, recording: Recording, assessment: Assessment) -> Assessment:
+        """The same with checks of how the recording was sampled."""
+        plant = self.plant
         if recording.Ts > plant.Ts * (1 + notes.ROUNDED):
             values = _between(recording, assessment)
             message = plant.messages.get("between", _TOO_SLOW)
@@ -154,15 +211,38 @@ class Tuner:
         if notes.stretched(plant, recording):
             asked = Finding(np.ones(len(recording)), 0.0, 0.0, _STRETCHED.format(plant.Ts))
             assessment = assessment.followed_by({"stretched": asked})
-        given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
-        return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
+        return assessment
 
     def _result(self, given: Recording, climbed: Climb, found: Assessment, i: int) -> Result:
+        rungs = self.rungs
+        why = left(rungs, self.plant, climbed, found, i) if Rung.FITTED_PLANT in rungs else ()
+        said = notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
+        return self.answer(climbed, found, i, why, said, given.y.shape[1] * given.Ts)
+
+    def answer(
+        self,
+        climbed: Climb,
+        found: Assessment,
+        i: int,
+        why: tuple[str, ...],
+        said: tuple[str, ...],
+        seconds: float,
+    ) -> Result:
+        """The result of recording `i`.
+
+        Parameters
+        ----------
+        why : tuple of str
+            Why higher rungs were left.
+        said : tuple of str
+            Notes on the recording.
+        seconds : float
+            How long it is.
+        """
         plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
         alone = climbed.rung[i] >= Rung.BLACK_BOX
-        rungs = self.rungs
-        why = left(rungs, plant, climbed, found, i) if Rung.FITTED_PLANT in rungs else ()
+        widest = max(self.calibration)
         return Result(
             gains=self._named(gains.values[i]),
             intervals=_intervals(plant, found.metrics[i], found.spread[i], self.calibration),
@@ -175,11 +255,13 @@ class Tuner:
             rung=Rung(climbed.rung[i]),
             left=why,
             reasons=reasons(plant, checks, why, Rung(climbed.rung[i])),
-            notes=notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
+            notes=said
             + notes.unfollowed(self._left_over)
-            + notes.slow_integral(plant, gains.values[i], given.y.shape[1] * given.Ts),
+            + notes.slow_integral(plant, gains.values[i], seconds),
             fallback=self._named(self.fallback),
             checks=checks,
+            gain_intervals=gain_intervals(plant, gains.values[i], found, i, widest),
+            exact_gain_intervals=exact_gain_intervals(plant, gains.values[i], found, i),
             fit=FittedPlant.of(plant, found, i, alone),
             open_loop=_open_loop(gains.values[i], found, i) if alone else None,
             response=None if found.response is None else found.response.part(i),
@@ -209,6 +291,18 @@ class Tuner:
 
     def climb(self, recording: Recording, start: str = "auto") -> tuple[Climb, Assessment]:
         """Gains for every episode as `tune` gives them, whose they are, and their assessment."""
+        plant, method, seen = self.plant, self.method, self.look(recording, start)
+        known = self.known(seen.theta)
+        climbed = climb(plant, self.rungs, seen.own, seen.fit, seen.response, known)
+        climbed = climbed.without(seen.still)
+        assessment = assess(
+            plant, seen.model, seen.fit, seen.response, seen.used.y, climbed.judged, seen.theta,
+            anywhere=method.any_measured, alone=method.rungs == (Rung.BLACK_BOX,),
+        )  # fmt: skip
+        return climbed, assessment
+
+    def look(self, recording: Recording, start: str = "auto") -> Look:
+        """Models of every episode, and the method's own gains."""
         plant, method = self.plant, self.method
         remedy = "Make one with Recording.of(plant, u, y, Ts)."
         validation.instance("recording", recording, Recording, remedy=remedy)
@@ -228,13 +322,7 @@ class Tuner:
         fitted = fit(plant, model, used.y, theta)
         target = plant.loop_target
         response = None if target is None else Response.of(model, target)
-        known = self._known(theta)
-        climbed = climb(plant, self.rungs, own, fitted, response, known).without(still)
-        assessment = assess(
-            plant, model, fitted, response, used.y, climbed.judged, theta,
-            anywhere=method.any_measured, alone=alone,
-        )  # fmt: skip
-        return climbed, assessment
+        return Look(recording, used, theta, model, own, still, fitted, response)
 
     def predict(
         self,
@@ -315,7 +403,7 @@ class Tuner:
         longest = np.diff(turns).max(initial=1) * self.plant.Ts
         return np.abs(u).max(), np.ptp(self.plant.respond(self.plant.middle)), longest
 
-    def _known(self, theta: Array) -> NDArray[np.bool_]:
+    def known(self, theta: Array) -> NDArray[np.bool_]:
         """Which recordings (B,) have measured parameters that the tuner was made for."""
         plant, within = self.plant, np.ones(len(theta), dtype=np.bool_)
         low, high = plant.limits if self.method.any_measured else plant.ranges

@@ -14,6 +14,7 @@ MARGINS = ("phase_margin", "crossover")
 CHECKS = (
     "implausible", "misfit", "response", "noise", "colour", "outside", "bend", "halves", "parts",
     "louder", "pattern", "limited", "undesigned", "unsolved", "between", "stretched",
+    "logs", "extrapolated",
 )  # fmt: skip
 """Checks that every plant's recordings undergo."""
 

@@ -1,6 +1,8 @@
 """The report's HTML page."""
 
 import os
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import yawrate_env
@@ -29,19 +31,25 @@ LONGEST_LAG = 0.05
 """Of the residual's correlations, in lengths of the experiment."""
 
 
-def write_report(path: str | os.PathLike[str], result: Result, log: Log, tuner: str) -> None:
+def write_report(
+    path: str | os.PathLike[str], result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()
+) -> None:
     """Write the page; the file is complete or not written."""
-    write_text(path, render(result, log, tuner))
+    write_text(path, render(result, log, tuner, logs))
 
 
-def render(result: Result, log: Log, tuner: str) -> str:
+def render(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> str:
     """The page as text.
 
     Parameters
     ----------
     tuner : str
         Name or file, as the user gave it.
+    logs : sequence of Log
+        All of them, where there are several.
     """
+    if logs:  # they are drawn one after the other
+        log = replace(log, source=", ".join(one.source for one in logs), t0=0.0)
     plant, fit = result.plant, result.fit
     shown = displayed(plant)
     input, output = (word(name, kind) for (name, _), kind in zip(shown, KINDS, strict=True))
@@ -63,7 +71,9 @@ def render(result: Result, log: Log, tuner: str) -> str:
         around="the response that the recording shows" if alone else "the fitted plant",
         title=_title(plant, log),
         result=result,
-        described=described(log, plant),
+        described=f"{len(logs)} logs" if logs else described(log, plant),
+        recordings=tables.recordings(result, logs),
+        validation=tables.validation(result),
         tuner=tuner,
         input=input,
         output=output,
@@ -79,7 +89,7 @@ def render(result: Result, log: Log, tuner: str) -> str:
         forms=forms_of(result),
         units=gain_units(plant),
         checks=tables.checks(result),
-        setup=tables.setup(result, log, tuner),
+        setup=tables.setup(result, log, tuner, logs),
         svg={name: figures.svg(picture, name) for name, picture in drawn.items()},
     )
 

@@ -1,14 +1,16 @@
 """Rows of the page's tables."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
 from tuners.cli.report.numbers import minus
 from tuners.cli.text import (
     between,
+    described,
     displayed,
     every,
+    fit_percent,
     gain_units,
     metric_name,
     quantity,
@@ -37,6 +39,8 @@ CHECKS = {
     "undesigned": "No gains for the fitted plant",
     "stretched": "The experiment's samples at another sampling time",
     "unsolved": "Design or numerics failed",
+    "logs": "Logs that disagree, in metrics' limits",
+    "extrapolated": "Distance from the logs' operating points, in ranges",
 }
 """Checks of every plant, as tables name them."""
 
@@ -80,8 +84,33 @@ def checks(result: Result) -> list[tuple[Check, str, str]]:
     return [(c, *names.get(c.name, (c.name.replace("_", " "), ""))) for c in result.checks]
 
 
-def setup(result: Result, log: Log, tuner: str) -> list[tuple[str, str]]:
-    """What the result rests on: tuner, plant, target, recording."""
+def recordings(result: Result, logs: Sequence[Log]) -> list[tuple[str, str, str, str, bool]]:
+    """Several logs: name, share of the information, what it is, how it disagrees, and if not."""
+    return [
+        (
+            log.source,
+            f"{share.share:.0%}",
+            minus(described(log, result.plant)),
+            minus(share.sentence()),
+            share.agrees,
+        )
+        for log, share in zip(logs, result.logs, strict=True)
+    ]
+
+
+def validation(result: Result) -> list[tuple[str, str]]:
+    """A further log held against the result: name and value of each line."""
+    held = result.validation
+    if held is None:
+        return []
+    rows = [("Verdict", minus(held.sentence)), ("Fit", fit_percent(held))]
+    for name, interval in held.intervals.items():
+        rows.append((capital(metric_name(name)), minus(between(interval, unit_of(name)))))
+    return rows
+
+
+def setup(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> list[tuple[str, str]]:
+    """What the result rests on: tuner, plant, target, recordings."""
     plant, fit = result.plant, result.fit
     (_, (output, factor)), target = displayed(plant), plant.parametrisation.target
     rows = [("Tuner", tuner), ("Plant", plant.entry or "without an entry point")]
@@ -96,11 +125,15 @@ def setup(result: Result, log: Log, tuner: str) -> list[tuple[str, str]]:
                      f"{target.crossover:g} Hz"))  # fmt: skip
         rows.append(("Controller", f"{every(target.Ts)}, delay {target.delay_samples} samples"))
     rows.append(("Experiment trained on", f"{len(plant.u) * plant.Ts:g} s, {every(plant.Ts)}"))
-    rows.append(("Recording", f"{log.duration:.4g} s, {every(log.recorded_Ts)}"))
-    for name, values in log.measured.items():
-        label, unit = split(plant.label(name))
-        ends = f"from {values.min():.4g} to {values.max():.4g}"
-        rows.append((capital(label), f"{quantity(float(values.mean()), unit)}, {ends}"))
+    for one in logs or (log,):
+        mark = f" {one.source}" if logs else ""
+        rows.append((f"Recording{mark}", f"{one.duration:.4g} s, {every(one.recorded_Ts)}"))
+        for name, values in one.measured.items():
+            label, unit = split(plant.label(name))
+            ends = f"from {values.min():.4g} to {values.max():.4g}"
+            rows.append(
+                (f"{capital(label)}{mark}", f"{quantity(float(values.mean()), unit)}, {ends}")
+            )
     start = "from rest, without offset"
     if not fit.from_rest:
         offset, initial = (

@@ -1,0 +1,92 @@
+"""From logs to results: what `yawrate tune` and `yawrate schedule` share."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from tuners.cli.log_files import read_each, recordings, wanted
+from tuners.cli.sources import load_tuner
+from tuners.logs import Log, MissingParameterError, Options, read_log
+from tuners.trust.black_box import STARTS
+from tuners.tuner.result import Result
+from tuners.tuner.tuner import Tuner
+
+DEFAULT = "ts-ff-lag-vx"
+WITHOUT = "bb"
+"""What tunes by default, and what does without a measured parameter."""
+
+start_option = click.option(
+    "--start",
+    type=click.Choice(STARTS),
+    default="auto",
+    show_default=True,
+    help="Whether the recording starts from rest without offsets, at an operating point (offset), "
+    "or anyhow; auto decides by the data.",
+)
+tuner_option = click.option(
+    "--tuner",
+    metavar="NAME|FILE",
+    help="A tuner that the package ships, or a file of `yawrate train`; by default "
+    f"{DEFAULT}, or {WITHOUT} where the log gives no speed.",
+)
+
+
+def tuner_and_log(
+    path: Path, options: Options, name: str | None, load: Callable[[str], Tuner] = load_tuner
+) -> tuple[str, Tuner, Log]:
+    """The tuner's name, the tuner and a log; by default the one that the log suffices for."""
+    chosen = name or DEFAULT
+    trained = load(chosen)
+    try:
+        return chosen, trained, read_log(path, trained.plant, options)
+    except MissingParameterError:
+        if name is not None:
+            raise
+    trained = load(WITHOUT)
+    return WITHOUT, trained, read_log(path, trained.plant, options)
+
+
+def several_logs(
+    paths: Sequence[Path], options: Options, name: str | None
+) -> tuple[str, Tuner, list[Log]]:
+    """The tuner's name, the tuner, and all logs; by default one for which all of them suffice."""
+    chosen = name or DEFAULT
+    trained = load_tuner(chosen)
+    try:
+        return chosen, trained, read_each(paths, trained.plant, options)
+    except MissingParameterError:
+        if name is not None:
+            raise
+    trained = load_tuner(WITHOUT)
+    return WITHOUT, trained, read_each(paths, trained.plant, options)
+
+
+def pooled(
+    tuner: Tuner, logs: Sequence[Log], options: Options, start: str, validated: bool
+) -> Result:
+    """The result for several logs, their notes included; the last one may validate."""
+    given = recordings(tuner.plant, logs)
+    further = given.pop() if validated else None
+    result = tuner.pool(
+        given,
+        wanted(tuner.plant, options),
+        names=[log.source for log in logs],
+        validate=further,
+        start=start,
+    )
+    notes = tuple(f"{log.source}: {note}" for log in logs for note in log.notes)
+    return replace(result, notes=(*notes, *result.notes))
+
+
+def tuned(tuner: Tuner, log: Log, start: str, input_scale: float) -> Result:
+    """The result for a log, its notes and hints included."""
+    from tuners.cli.hints import Array, hints
+
+    def tune(u: Array, y: Array, measured: dict[str, Array]) -> Result:
+        return tuner.tune(u, y, log.Ts, measured, start, log.input)
+
+    result = tune(log.u, log.y, log.measured)
+    notes = (*log.notes, *result.notes, *hints(tune, log, result, input_scale))
+    return replace(result, notes=notes)

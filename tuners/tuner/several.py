@@ -1,0 +1,249 @@
+"""What the answer from several recordings says of each: shares, disagreements, a validation."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.trust.agreement import CHANCE, Estimates
+from tuners.trust.checks import metric_slopes
+from tuners.trust.fit import Fit
+from tuners.trust.intervals import GAUSSIAN, Interval
+from tuners.trust.joint import fitted_like
+from tuners.trust.pooled_response import shifted
+from tuners.trust.suspects import explanations
+from tuners.tuner import notes as of_one
+from tuners.tuner.ladder import differs
+from tuners.tuner.look import Look
+from tuners.tuner.method import Rung
+from tuners.tuner.pooling import DISAGREE, Pool, Pooling
+from tuners.tuner.result import Result
+from tuners.tuner.shares import Share, Validation
+from yawrate_env.plant.names import split
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+_NONE_AGREE = (
+    "No two recordings show one plant: it changed between them, or its data are wrong in a way "
+    "that differs over their operating points."
+)
+_TELLING = 3.0  # standard deviations by which a parameter differs
+
+
+def shares(plant: Plant, looks: Sequence[Look], pool: Pool, alone: bool) -> tuple[Share, ...]:
+    """What each recording of the first set adds, and how far it agrees.
+
+    Parameters
+    ----------
+    alone : bool
+        Whether nobody asked about the plant's parameters.
+    """
+    found = []
+    for i, look in enumerate(looks):
+        apart = bool(pool.apart[i, 0])
+        among = ~pool.apart[:, 0] & (np.arange(len(looks)) != i)
+        others = [one.fit for one, agrees in zip(looks, among, strict=True) if agrees]
+        found.append(
+            Share(
+                name=look.name,
+                measured=measured(plant, look),
+                share=float(pool.shares[i, 0]),
+                chi_square=float(pool.chi_square[i, 0]),
+                freedom=pool.freedom,
+                chance=float(pool.chance[i, 0]),
+                agrees=not apart,
+                shift=dict(zip(plant.counted, pool.shift[i, 0].tolist(), strict=True)),
+                parameters={} if alone else parameters(plant, look),
+                causes=causes(plant, look, others) if apart and not alone else (),
+            )
+        )
+    return tuple(found)
+
+
+def measured(plant: Plant, look: Look) -> dict[str, float]:
+    """Measured parameters of a recording, by name."""
+    return {name: float(look.theta[0, plant.indices((name,))[0]]) for name in plant.measured}
+
+
+def parameters(plant: Plant, look: Look) -> dict[str, float]:
+    """Parameters of the plant fitted to a recording alone, by name."""
+    return dict(zip(plant.prior, look.fit.theta[0].tolist(), strict=True))
+
+
+def causes(plant: Plant, look: Look, others: Sequence[Fit]) -> tuple[str, ...]:
+    """Why a recording differs from others, in words: unknown parameters, or what is suspected."""
+    said: list[str] = []
+    if others and look.fit.converged[0]:
+        found = Estimates.of_fits([look.fit, *others], plant.unknown, plant.width)
+        (own, G), (all_, H) = (
+            (found.right[0, 0], found.information[0, 0]),
+            (found.right[1:, 0].sum(axis=0), found.information[1:, 0].sum(axis=0)),
+        )
+        P, Q = np.linalg.pinv(G, hermitian=True), np.linalg.pinv(H, hermitian=True)
+        apart = np.abs(P @ own - Q @ all_) / np.sqrt(np.maximum(np.diag(P + Q), 1e-300))
+        for k, i in enumerate(plant.unknown):
+            if apart[k] > _TELLING:
+                label, unit = split(plant.label(list(plant.prior)[i]))
+                values = ((P @ own)[k] * plant.width[k], (Q @ all_)[k] * plant.width[k])
+                here, there = (f"{value:.3g}" for value in values)
+                said.append(f"{label} {here} instead of {there} {unit}".rstrip())
+    words = [f"Fitted alone it has {' and '.join(said)}."] if said else []
+    if look.response is not None and _contradicted(look):
+        words += explanations(plant, look.model, look.fit, 0)
+    return tuple(words)
+
+
+def _contradicted(look: Look) -> bool:
+    """Whether the plant does not reproduce even this recording alone, beyond chance."""
+    from scipy.stats import chi2
+
+    model, residual = look.model, look.fit.residual[0]
+    noise = max(float(model.residual[0]) / len(residual) * model.oversampled, 1e-300)
+    excess = (float((residual**2).sum()) - float(model.residual[0])) / noise
+    return excess > float(chi2.isf(CHANCE, model.functions.order))
+
+
+def left(plant: Plant, looks: Sequence[Look], pool: Pool) -> tuple[str, ...]:
+    """Why the fitted plant does not answer, in words."""
+    climbed, found = pool.climbed, pool.assessment
+    if climbed.rung[0] < Rung.BLACK_BOX or found.response is None:
+        return ()
+    if (GAUSSIAN * found.spread[0] > plant.metric_setting("widest")).any():
+        return ()  # so little is known that no difference means anything
+    excess = [
+        float((fit.residual[0] ** 2).sum() / max(float(look.model.residual[0]), 1e-300))
+        for look, fit in zip(looks, pool.joint.fits, strict=True)
+    ]
+    worst = int(np.argmax(excess))
+    words = explanations(plant, looks[worst].model, pool.joint.fits[worst], 0)
+    return tuple(f"{looks[worst].name}: {word}" for word in words) or differs(
+        plant, climbed, found.response, 0
+    )
+
+
+def notes(
+    plant: Plant,
+    looks: Sequence[Look],
+    pool: Pool,
+    found: Sequence[Share],
+    any_experiment: bool,
+) -> tuple[str, ...]:
+    """Notes on the recordings; those that hold for all are said once.
+
+    A disagreement that matters is a reason, any other a note.
+    """
+    every = [
+        of_one.notes(plant, look.given, fit, 0, any_experiment)
+        for look, fit in zip(looks, pool.joint.fits, strict=True)
+    ]
+    common = [note for note in every[0] if all(note in each for each in every)]
+    own = [
+        f"{look.name}: {note}"
+        for look, each in zip(looks, every, strict=True)
+        for note in each
+        if note not in common
+    ]
+    (check,) = (c for c in pool.assessment.checks(0) if c.name == DISAGREE)
+    differ = disagreements(found) if check.passed else ()
+    return (*differ, *common, *own)
+
+
+def disagreements(found: Sequence[Share]) -> tuple[str, ...]:
+    """Which recordings differ, and how, in words; of two both do."""
+    apart = [share for share in found if not share.agrees]
+    if len(apart) == len(found) > 2:
+        return (_NONE_AGREE,)
+    if len(found) == 2:
+        return tuple(each.sentence(found[1].name) for each in apart[:1])
+    return tuple(share.sentence() for share in apart)
+
+
+def validation(
+    pooling: Pooling,
+    looks: Sequence[Look],
+    other: Look,
+    pool: Pool,
+    result: Result,
+    factors: Sequence[float],
+) -> Validation:
+    """Hold a further recording against an answer.
+
+    Parameters
+    ----------
+    factors : (f,) of float
+        Half widths of the metrics' intervals in standard deviations.
+    """
+    from scipy.stats import chi2
+
+    plant, joint, found = pooling.plant, pool.joint, pool.assessment
+    alone = pooling.alone
+    fit = fitted_like(plant, joint, other.model, other.fit, other.used.y)
+    every, fits = [*looks, other], (*joint.fits, fit)
+    gains = np.array(list(result.gains.values()))[None]
+    estimates = pooling.estimates(every, fits)
+    among = np.arange(len(every))[:, None] < len(looks)  # all that the answer rests on
+    distance = float(estimates.distances(among)[-1, 0])
+    chance = float(chi2.sf(distance, estimates.freedom))
+    seen = pooling.coordinates(every, fits, joint.at(plant, pool.theta))
+    shift = pooling.shifted(len(looks), among, estimates, seen, found, gains)
+    if seen is not None and found.response is not None and other.response is not None:
+        moved = shifted(found.response, np.zeros((1, 2)))
+        spread = replace(moved, covariance=other.response.covariance).spread(gains)[0]
+        metrics = found.response.metrics(gains)[0]
+    else:
+        J = metric_slopes(plant, found.fit, gains)
+        spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, other.fit.covariance, J))[0]
+        metrics = plant.metric_values(found.fit.theta, gains)[0]
+    values, half = metrics + shift[0], np.array(factors) * spread
+    intervals = {
+        name: Interval(float(v), float(v - h), float(v + h))
+        for name, v, h in zip(plant.counted, values, half, strict=True)
+    }
+    within = all(
+        interval.low <= result.intervals[name].high and interval.high >= result.intervals[name].low
+        for name, interval in intervals.items()
+    )
+    agrees = chance >= CHANCE
+    kept = [look.fit for look in looks]
+    against = Share(
+        name=other.name,
+        measured=measured(plant, other),
+        share=0.0,
+        chi_square=distance,
+        freedom=estimates.freedom,
+        chance=chance,
+        agrees=agrees,
+        shift=dict(zip(plant.counted, shift[0].tolist(), strict=True)),
+        parameters={} if alone else parameters(plant, other),
+        causes=() if agrees or alone else causes(plant, other, kept),
+    )
+    error = fit.residual if result.rung < Rung.BLACK_BOX else _left_by_black_boxes(looks, other)
+    whole = float(np.linalg.norm(other.used.y[0] - other.used.y[0].mean()))
+    left = float(np.linalg.norm(error[0])), float(np.sqrt(max(other.model.residual[0], 0.0)))
+    reproduced, attainable = (100 * (1 - each / whole) if whole > 0 else np.nan for each in left)
+    off = np.abs(shift[0]) > plant.metric_setting("error")
+    matters = bool((off | ~np.isfinite(shift[0])).any())
+    return Validation(float(reproduced), float(attainable), intervals, within, matters, against)
+
+
+def _left_by_black_boxes(looks: Sequence[Look], other: Look) -> Array:
+    """What the pooled black boxes of recordings leave over of another's output, (B, N)."""
+    model = other.model
+    scale = [
+        1 / np.where(look.model.residual > 0, look.model.residual / look.used.y.shape[1], 1.0)
+        for look in looks
+    ]
+    pairs = list(zip(looks, scale, strict=True))
+    information = np.sum([look.model.information * s[:, None, None] for look, s in pairs], axis=0)
+    right = np.sum(
+        [
+            (look.model.information @ look.model.coefficients[..., None])[..., 0] * s[:, None]
+            for look, s in pairs
+        ],
+        axis=0,
+    )
+    coefficients = np.linalg.solve(information, right[..., None])[..., 0]
+    simulated = model.functions.outputs(model.u, coefficients[:, None], model.Ts)[:, 0]
+    return model.projected((model.y - simulated)[:, None])[:, 0]
