@@ -13,6 +13,7 @@ from tuners.features.laguerre import Laguerre
 from tuners.trust import fallback
 from tuners.trust.black_box import black_box, functions_for, left_over
 from tuners.trust.checks import Assessment, assess
+from tuners.trust.feedback import opened, projected_on
 from tuners.trust.fit import fit
 from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.response import Response
@@ -94,6 +95,7 @@ class Tuner:
         Ts: float | None = None,
         measured: Mapping[str, ArrayLike] | None = None,
         start: str = "auto",
+        reference: ArrayLike | None = None,
         **parameters: ArrayLike | None,
     ) -> Result:
         """Tune from one recording, and check with it whether to trust the gains.
@@ -112,6 +114,9 @@ class Tuner:
             output is an unknown constant, or in motion, in which case initial state, offset and
             trend are estimated too; found from the data if "auto".
             For plants whose responses do not add up the data cannot say, and rest is assumed.
+        reference : (N,), optional
+            Reference of the loop in which it was recorded, in the output's unit: what it explains
+            of the input then takes the input's place (`tuners.trust.feedback`).
         **parameters
             Measured parameters by name, as in ``v_x=18.0``.
 
@@ -125,7 +130,7 @@ class Tuner:
             raise ValueError(f"measured = {measured!r} is not a dict. Give {{name: value}}.")
         if twice := sorted(measured.keys() & parameters.keys()):
             raise ValueError(f"{twice[0]} is given twice. Leave out one of the two.")
-        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters})
+        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters}, reference)
         return self.results(given, start)[0]
 
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
@@ -188,7 +193,7 @@ class Tuner:
                           remedy=remedy)  # fmt: skip
         alone = method.rungs == (Rung.BLACK_BOX,)
         theta = recording.parameters(plant, needed=not alone)
-        used = recording.resampled(plant.Ts)
+        used = self._opened(recording, theta, start)
         model = black_box(plant, self.black_box, used.u, used.y, start, used.oversampled)
         own = self.gains(replace(used, y=model.y))
         still = self._still(used) if method.needs_excitation else np.zeros(len(used), np.bool_)
@@ -202,6 +207,17 @@ class Tuner:
             anywhere=method.any_measured, alone=alone,
         )  # fmt: skip
         return climbed, assessment
+
+    def _opened(self, recording: Recording, theta: Array, start: str) -> Recording:
+        """Recordings at the plant's sampling time, those in a loop as if there were none."""
+        plant, used = self.plant, recording.resampled(self.plant.Ts)
+        if recording.reference is None:
+            return used
+        inputs = np.broadcast_to(recording.u, recording.y.shape)
+        explained = projected_on(recording.reference, inputs, recording.Ts, self.black_box)
+        u = replace(recording, u=explained).resampled(plant.Ts).u
+        y = opened(plant, self.black_box, u, used.u, used.y, theta, start, used.oversampled)
+        return replace(used, u=u, y=y, reference=None)
 
     def predict(
         self,
