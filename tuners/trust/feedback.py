@@ -19,16 +19,20 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import BlackBox, black_box, free_responses
 from tuners.trust.fit import fit
+from yawrate_env.loop.controller import coefficients
+from yawrate_env.loop.target import Target
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 
 _ORDER, _RADIANS, _SAMPLES = 40, 8.0, 40  # at most; of the pole for each function, and samples
 _SINGULAR = 1e-7  # of the largest singular value: directions that the reference does not excite
+_ROUNDED = 1e-3  # of a sampling time
 
 
 def projected_on(reference: Array, u: Array, Ts: float, functions: Laguerre) -> Array:
@@ -105,3 +109,55 @@ def _caused(plant: Plant, model: BlackBox, y: Array, theta: Array, rest: Array) 
     weights = model.coefficients[:, None]
     by_box = model.functions.outputs(rest, weights, model.Ts)[:, 0]
     return [by_box, plant.respond(fit(plant, model, y, theta).theta, rest)]
+
+
+def controller_samples(u: Array, step: int) -> slice:
+    """Which samples of an input (N,) a controller gave that acts at every `step`-th: the changes.
+
+    An input that is held between them changes at these alone.
+    """
+    changes = np.abs(np.diff(u, prepend=u[:1]))
+    sums = [changes[k::step].sum() for k in range(step)]
+    return slice(int(np.argmax(sums)), None, step)
+
+
+def rebuilt(u: Array, y: Array, Ts: float, gains: tuple[float, float], target: Target) -> Array:
+    """The reference (N,) of a PI's loop from its input and output: ``r = y + C^-1 u``.
+
+    Exact where `y` is what the controller saw; where it saw other noise, the difference is in the
+    reference, too.  The controller's integral at the start is unknown, and what it adds to the
+    reference, which decays with Ti, is chosen such that the reference is smoothest.
+
+    Parameters
+    ----------
+    u, y : (N,) float64
+        Recorded at the controller's sampling time, or so many times as often.
+    Ts : float
+        Sampling time of these [s].
+    gains : tuple of float
+        (kp, Ti) of the controller that drove.
+    target : Target
+        Its sampling time and form.
+    """
+    step = round(target.Ts / Ts)
+    if step < 1 or abs(step * Ts - target.Ts) > _ROUNDED * target.Ts:
+        raise ValueError(
+            f"Ts = {Ts:g} s: the reference of a controller that acts every {target.Ts:g} s needs "
+            "its samples, or so many times as many. Record at its rate, or give the reference."
+        )
+    own = controller_samples(u, step)
+    kp, Ti = (np.atleast_1d(np.float64(gain)) for gain in gains)
+    n1, n0, d0 = (float(c[0]) for c in coefficients(kp, Ti, target))
+    integral, pole = n0 - d0 * n1, 1 - d0 * target.Ts
+    # e = (u - integral w) / n1,   w+ = pole w + Ts e
+    decay = pole - target.Ts * integral / n1
+    command = u[own]
+    state = lfilter([0.0, target.Ts / n1], [1.0, -decay], command)
+    reference = y[own] + (command - integral * state) / n1
+    started = decay ** np.arange(len(command))
+    slope, jumps = np.diff(started), np.diff(reference)
+    energy = slope @ slope
+    if energy > 0:
+        reference = reference - (jumps @ slope) / energy * started
+    held = np.repeat(reference, step)[: len(u) - own.start]
+    return np.concatenate([np.full(own.start, reference[0]), held])

@@ -14,6 +14,7 @@ from tuners.trust import fallback
 from tuners.trust.black_box import black_box, functions_for, left_over
 from tuners.trust.checks import Assessment, assess
 from tuners.trust.feedback import opened, projected_on
+from tuners.trust.findings import Findings
 from tuners.trust.fit import fit
 from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.response import Response
@@ -21,7 +22,7 @@ from tuners.trust.verdict import Finding, worst
 from tuners.tuner import notes, tuner_file
 from tuners.tuner.ladder import Climb, climb, left
 from tuners.tuner.method import Gains, Method, Rung
-from tuners.tuner.reasons import reasons
+from tuners.tuner.reasons import looped, reasons
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
 from yawrate_env import validation
@@ -151,7 +152,8 @@ class Tuner:
         plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
         alone = climbed.rung[i] >= Rung.BLACK_BOX
-        why = left(self.plant, climbed, found, i) if Rung.FITTED_PLANT in self.method.rungs else ()
+        explained = Rung.FITTED_PLANT in self.method.rungs and not looped(checks)
+        why = left(self.plant, climbed, found, i) if explained else ()
         return Result(
             gains=self._named(gains.values[i]),
             intervals=_intervals(plant, found.metrics[i], found.spread[i], self.calibration),
@@ -164,7 +166,8 @@ class Tuner:
             rung=Rung(climbed.rung[i]),
             left=why,
             reasons=reasons(plant, checks, why, Rung(climbed.rung[i])),
-            notes=notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
+            notes=notes.projected(given, found.model.u[i % len(found.model.u)], found.model.Ts)
+            + notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
             + notes.unfollowed(self._left_over)
             + notes.slow_integral(plant, gains.values[i], given.y.shape[1] * given.Ts),
             fallback=self._named(self.fallback),
@@ -206,7 +209,9 @@ class Tuner:
             plant, model, fitted, response, used.y, climbed.judged, theta,
             anywhere=method.any_measured, alone=alone,
         )  # fmt: skip
-        return climbed, assessment
+        given = recording.u, recording.y, recording.Ts, recording.reference
+        looped = Findings(plant, None).of_feedback(self.black_box, *given)
+        return climbed, assessment.followed_by(looped)
 
     def _opened(self, recording: Recording, theta: Array, start: str) -> Recording:
         """Recordings at the plant's sampling time, those in a loop as if there were none."""
