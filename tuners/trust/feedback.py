@@ -126,7 +126,7 @@ def rebuilt(u: Array, y: Array, Ts: float, gains: tuple[float, float], target: T
 
     Exact where `y` is what the controller saw; where it saw other noise, the difference is in the
     reference, too.  The controller's integral at the start is unknown, and what it adds to the
-    reference, which decays with Ti, is chosen such that the reference is smoothest.
+    reference, which decays with Ti, is chosen such that the reference bends least.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def rebuilt(u: Array, y: Array, Ts: float, gains: tuple[float, float], target: T
     state = lfilter([0.0, target.Ts / n1], [1.0, -decay], command)
     reference = y[own] + (command - integral * state) / n1
     started = decay ** np.arange(len(command))
-    slope, jumps = np.diff(started), np.diff(reference)
+    slope, jumps = np.diff(started, 2), np.diff(reference, 2)
     energy = slope @ slope
     if energy > 0:
         reference = reference - (jumps @ slope) / energy * started
