@@ -107,4 +107,7 @@ def converted(plant: Plant, name: str, value: float, unit: str) -> float:
 
 def recordings(plant: Plant, logs: Sequence[Log]) -> list[Recording]:
     """As the tuner takes them."""
-    return [Recording.of(plant, log.u, log.y, log.Ts, log.measured, log.input) for log in logs]
+    return [
+        Recording.of(plant, log.u, log.y, log.Ts, log.measured, log.input, log.reference)
+        for log in logs
+    ]

@@ -31,7 +31,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def gathered(**given: Any) -> Any:
-        columns = {role: given.pop(f"{role}_column") for role in ROLES}
+        columns = {role: given.pop(f"{role}_column") for role in (*ROLES, "reference")}
         units = {role: given.pop(f"{role}_unit") for role in ROLES}
         _check_time(given["Ts"], columns["time"], units["time"])
         _check_hold(given["input_is"], given["between"])
@@ -43,6 +43,9 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
             signal: (-1.0 if given.pop(f"flip_{signal}") else 1.0) * given.pop(f"{signal}_scale")
             for signal in ("input", "output")
         }
+        drove = given.pop("old_kp"), given.pop("old_ti")
+        if (drove[0] is None) != (drove[1] is None):
+            raise click.UsageError("--old-kp and --old-Ti belong together: give both.")
         options = Options(
             columns=_given(columns),
             units=_given(units),
@@ -53,6 +56,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
             start=given.pop("begin"),
             stop=given.pop("end"),
             input_is=given.pop("input_is"),
+            drove=None if drove[0] is None else drove,
             between=given.pop("between"),
         )
         return command(options=options, **given)
@@ -127,6 +131,9 @@ def _options() -> list[Decorator]:
     return [
         *(make(role) for role in ROLES for make in (_column, _unit)),
         *(make(signal) for signal in ("input", "output") for make in (_scale, _flip)),
+        option("--reference", "--reference-column", "reference_column", metavar="COLUMN",
+               help="Name or number of the column with the reference of the closed loop in which "
+               "the log was recorded, in the output's unit."),
         option("--steer-ratio", type=POSITIVE, default=1.0, show_default=True,
                help="Hand-wheel angle over road-wheel angle: divides the input."),
         option("--speed", type=POSITIVE,
@@ -140,6 +147,10 @@ def _options() -> list[Decorator]:
         option("--input-between", "between", type=click.Choice(HOLDS),
                help="Whether the input keeps a sample's value until the next, as a digital output "
                "does, or is joined by lines, as a measured one. [default: the plant's]"),
+        option("--old-kp", type=NONZERO,
+               help="kp of the PI that drove, where the log was recorded in a closed loop and has "
+               "no reference: that is then rebuilt.  In the plant's units, as kp in the answer."),
+        option("--old-Ti", "old_ti", type=POSITIVE, help="Ti of that PI [s]."),
         option("--Ts", "Ts", type=POSITIVE, help="Sampling time [s], instead of a column."),
         option("--from", "begin", type=NUMBER, help="Use the log from this time on [s]."),
         option("--to", "end", type=NUMBER, help="Use the log up to this time [s]."),

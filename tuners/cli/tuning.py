@@ -87,6 +87,10 @@ def tuned(tuner: Tuner, log: Log, start: str, input_scale: float) -> Result:
     def tune(u: Array, y: Array, measured: dict[str, Array]) -> Result:
         return tuner.tune(u, y, log.Ts, measured, start, log.input)
 
-    result = tune(log.u, log.y, log.measured)
-    notes = (*log.notes, *result.notes, *hints(tune, log, result, input_scale))
-    return replace(result, notes=notes)
+    if log.reference is None:
+        result = tune(log.u, log.y, log.measured)
+        advice = hints(tune, log, result, input_scale)
+    else:
+        result = tuner.tune(log.u, log.y, log.Ts, log.measured, start, log.input, log.reference)
+        advice = ()
+    return replace(result, notes=(*log.notes, *result.notes, *advice))

@@ -44,6 +44,8 @@ class Log:
         Sampling time of the file [s]; `Ts` is shorter after `through_actuator`.
     input : {"held", "lines"}
         How the input runs between its samples.
+    reference : NDArray or None
+        (N,) reference of the loop, where a column was named, or the gains of its controller.
     """
 
     source: str
@@ -56,6 +58,7 @@ class Log:
     excitation: Excitation
     recorded_Ts: float
     input: str = "held"
+    reference: Array | None = None
 
     @property
     def time(self) -> Array:
@@ -89,18 +92,22 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
         It has no such column or stretch, or the plant no such parameter.
     """
     options = options or Options()
+    _check_reference(options)
     table = read_table(path)
     found = find(table, plant, options)
     base, signals, lost = sampled(found.quantities, _plan(found.quantities, plant, options))
     part, chosen = _stretch(base, signals, plant, options)
     signals = {role: values[part] for role, values in signals.items()}
-    u, y = signals.pop("input"), signals.pop("output")
+    u, y, reference = (signals.pop(role, None) for role in ("input", "output", "reference"))
+    assert u is not None and y is not None
     parameters, assumed = measured.parameters(plant, signals, found.values, len(u))
     excited = excitation.check(plant, u, y, parameters, base.Ts)
     notes = (*table.notes, *lost, *found.notes, *base.notes, *chosen, *assumed, *excited.notes)
     t0 = float(base.grid[part.start])
     hold = "held" if options.input_is == "measured" else options.between or plant.input
-    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts, hold)
+    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts, hold, reference)
+    if options.drove is not None:
+        log = replace(log, reference=_rebuilt(log, plant, options.drove))
     return log if options.input_is == "command" else _whole_plant(log, plant)
 
 
@@ -114,13 +121,41 @@ def _held(plant: Plant, options: Options) -> bool:
     return options.input_is == "command" and (options.between or plant.input) == "held"
 
 
+def _check_reference(options: Options) -> None:
+    """Refuse options of a closed loop that contradict each other."""
+    named = "reference" in options.columns
+    if not named and options.drove is None:
+        return
+    flag = "--reference" if named else "--old-kp"
+    if named and options.drove is not None:
+        raise SelectionError(
+            f"--reference {options.columns['reference']} and --old-kp contradict each other: the "
+            "reference need not be rebuilt. Leave out one of the two."
+        )
+    if options.input_is != "command":
+        raise SelectionError(
+            f"{flag} and --input-is measured contradict each other: in a closed loop the "
+            "controller's command is needed. Name its column with --input-column."
+        )
+
+
+def _rebuilt(log: Log, plant: Plant, gains: tuple[float, float]) -> Array:
+    """The reference of a log, from the gains of the controller that drove."""
+    from tuners.trust.feedback import rebuilt
+
+    target = plant.parametrisation.target
+    if target is None:
+        raise SelectionError("--old-kp: this tuner's plant has no PI. Give --reference COLUMN.")
+    return rebuilt(log.u, log.y, log.Ts, gains, target)
+
+
 def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
     """How the quantities come to one grid; some plants' recordings start at rest."""
     return Plan(
         clock="output",
         least=excitation.SHORTEST * len(plant.u) * plant.Ts,
         pace=pace_of(plant),
-        held=("input",) if _held(plant, options) else (),
+        held=("input", "reference") if _held(plant, options) else (),
         slow=tuple(name for name in plant.measured if name in found),
         Ts=options.Ts,
         begin=None if _anytime(plant) else -np.inf if options.start is None else options.start,

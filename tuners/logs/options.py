@@ -14,7 +14,8 @@ class Options:
     Attributes
     ----------
     columns : dict
-        Role to the name or the number (from 1) of its column.
+        Role to the name or the number (from 1) of its column; ``reference`` too, the reference of
+        the loop in which it was recorded, in the output's unit.
     units : dict
         Role to the unit of its column or value; by default what the file says, or the plant's.
     values : dict
@@ -27,6 +28,8 @@ class Options:
         Stretch to use, in the recording's own time [s].
     input_is : {"command", "measured"}
         Whether the input was recorded before the plant's actuator or after it.
+    drove : (float, float) or None
+        Gains (kp, Ti) of the PI in whose loop the log was recorded, to rebuild its reference.
     between : {"held", "lines"} or None
         How the input runs between its samples; as in the plant's recordings if not given.
     """
@@ -40,4 +43,5 @@ class Options:
     start: float | None = None
     stop: float | None = None
     input_is: str = "command"
+    drove: tuple[float, float] | None = None
     between: str | None = None

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.trust.checks import Assessment
+from tuners.trust.verdict import Finding
 from tuners.tuner import several
 from tuners.tuner.ladder import Climb
 from tuners.tuner.look import Look
@@ -37,6 +38,9 @@ class Answering(Protocol):
 
     def sampled(self, recording: Recording, assessment: Assessment) -> Assessment:
         """The same with checks of how the recording was sampled."""
+
+    def looped(self, recording: Recording) -> dict[str, Finding]:
+        """Whether inputs follow outputs, as in a loop that nobody named."""
 
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
         """Results for every episode."""
@@ -70,7 +74,11 @@ def pools(
     ]
     further, looks = looks[len(recordings) :], looks[: len(recordings)]
     points = [operating_point(plant, looks, at) for at in ats]
-    pooling = Pooling(plant, tuner.method, tuner.sampled)
+
+    def recorded(recording: Recording, assessment: Assessment) -> Assessment:
+        return tuner.sampled(recording, assessment).followed_by(tuner.looped(recording))
+
+    pooling = Pooling(plant, tuner.method, recorded)
     joint = pooling.fit(looks)
     results = []
     for theta, at in zip(points, ats, strict=True):

@@ -44,6 +44,9 @@ class Recording:
         Largest relative peak-to-peak variation of a measured parameter.
     input : {"held", "lines"}
         Whether inputs keep a sample's value until the next, or are joined by lines.
+    reference : NDArray or None
+        (1, N) or (B, N) references of the loop in which the episodes were recorded, in the
+        output's unit; None where there was none, or where it is not known.
     """
 
     u: Array
@@ -53,6 +56,7 @@ class Recording:
     oversampled: float = 1.0
     variation: float = 0.0
     input: str = "held"
+    reference: Array | None = None
 
     def __post_init__(self) -> None:
         u, y = np.shape(self.u), np.shape(self.y)
@@ -62,6 +66,11 @@ class Recording:
                 "(N,) to Recording.of(plant, u, y, Ts)."
             )
         validation.one_of("input", self.input, HOLDS)
+        if self.reference is not None and np.shape(self.reference) not in (y, (1, y[1])):
+            raise ValueError(
+                f"reference has shape {np.shape(self.reference)}, not {(1, y[1])} or {y}. Give one "
+                "value for each sample."
+            )
 
     @classmethod
     def of(
@@ -72,6 +81,7 @@ class Recording:
         Ts: float | None = None,
         measured: Mapping[str, ArrayLike | None] | None = None,
         between: str | None = None,
+        reference: ArrayLike | None = None,
     ) -> Self:
         """One episode of a plant from arrays (N,), checked.
 
@@ -83,6 +93,8 @@ class Recording:
             Measured parameters to one value, or one a sample, whose mean counts.
         between : {"held", "lines"}, optional
             How the input runs between samples; as the plant's recordings do if omitted.
+        reference : (N,), optional
+            Reference of the loop in which it was recorded, in the output's unit.
 
         Raises
         ------
@@ -97,8 +109,9 @@ class Recording:
         validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
         given = {name: value for name, value in (measured or {}).items() if value is not None}
         known, variation = _measured(plant, given, len(y))
-        input = plant.input if between is None else between
-        return cls(u[None], y[None], float(Ts), known, variation=variation, input=input)
+        hold = plant.input if between is None else between
+        wanted = None if reference is None else _signal("reference", reference)[None]
+        return cls(u[None], y[None], float(Ts), known, 1.0, variation, hold, wanted)
 
     @classmethod
     def of_observations(cls, plant: Plant, obs: ArrayLike) -> tuple[Self, bool]:
@@ -144,7 +157,10 @@ class Recording:
         """Some of the episodes."""
         u = self.u if len(self.u) == 1 else self.u[index]
         known = None if self.known is None else self.known[index]
-        return replace(self, u=u, y=self.y[index], known=known)
+        reference = self.reference
+        if reference is not None and len(reference) > 1:
+            reference = reference[index]
+        return replace(self, u=u, y=self.y[index], known=known, reference=reference)
 
     def resampled(self, Ts: float) -> "Recording":
         """The same episodes sampled at another `Ts` [s], their inputs held.
@@ -164,17 +180,22 @@ class Recording:
             y = spline(self.y, np.asarray(at * (Ts / self.Ts), dtype=np.float64))
         if self.input == "lines":
             u = held_like_lines(self.u, self.Ts, Ts * at.astype(np.float64), Ts)
-        else:  # what holds over the larger part of a sample: clocks may differ by a few ppm
-            half = min(Ts / self.Ts, 1.0) / 2
-            u = self.u[:, np.minimum(np.floor(at * (Ts / self.Ts) + half), N - 1).astype(np.intp)]
+        else:
+            u = self._held(self.u, at, Ts)
         return replace(
             self,
             u=u,
+            reference=None if self.reference is None else self._held(self.reference, at, Ts),
             y=np.ascontiguousarray(y),
             Ts=Ts,
             oversampled=max(self.oversampled, self.Ts / Ts),
             input="held",
         )
+
+    def _held(self, signals: Array, at: NDArray[np.intp], Ts: float) -> Array:
+        """What holds over the larger part of samples `at` of `Ts`: clocks may differ by ppm."""
+        half, last = min(Ts / self.Ts, 1.0) / 2, signals.shape[1] - 1
+        return signals[:, np.minimum(np.floor(at * (Ts / self.Ts) + half), last).astype(np.intp)]
 
     def parameters(self, plant: Plant, *, needed: bool = True) -> Array:
         """Parameters (B, p) with the measured ones as known, and the others in mid-prior.

@@ -13,6 +13,8 @@ from tuners.features.laguerre import Laguerre
 from tuners.trust import fallback
 from tuners.trust.black_box import black_box, functions_for, left_over
 from tuners.trust.checks import Assessment, assess
+from tuners.trust.feedback import opened, projected_on
+from tuners.trust.findings import Findings
 from tuners.trust.fit import fit
 from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.response import Response
@@ -23,7 +25,7 @@ from tuners.tuner.ladder import Climb, climb, left
 from tuners.tuner.look import Look
 from tuners.tuner.method import Gains, Method, Rung
 from tuners.tuner.pools import pools
-from tuners.tuner.reasons import reasons
+from tuners.tuner.reasons import looped, reasons
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
 from tuners.tuner.rivals import BlackBoxRule, Fitted
@@ -110,6 +112,7 @@ class Tuner:
         measured: Mapping[str, ArrayLike] | None = None,
         start: str = "auto",
         input: str | None = None,
+        reference: ArrayLike | None = None,
         **parameters: ArrayLike | None,
     ) -> Result:
         """Tune from one recording, and check with it whether to trust the gains.
@@ -130,6 +133,9 @@ class Tuner:
         input : {"held", "lines"}, optional
             Whether the input keeps a sample's value until the next, or is joined by lines; as the
             plant's recordings do if omitted.
+        reference : (N,), optional
+            Reference of the loop in which it was recorded, in the output's unit: what it explains
+            of the input then takes the input's place (`tuners.trust.feedback`).
         **parameters
             Measured parameters by name, as in ``v_x=18.0``.
 
@@ -143,7 +149,7 @@ class Tuner:
             raise ValueError(f"measured = {measured!r} is not a dict. Give {{name: value}}.")
         if twice := sorted(measured.keys() & parameters.keys()):
             raise ValueError(f"{twice[0]} is given twice. Leave out one of the two.")
-        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters}, input)
+        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters}, input, reference)
         return self.results(given, start)[0]
 
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
@@ -215,8 +221,11 @@ class Tuner:
 
     def _result(self, given: Recording, climbed: Climb, found: Assessment, i: int) -> Result:
         rungs = self.rungs
-        why = left(rungs, self.plant, climbed, found, i) if Rung.FITTED_PLANT in rungs else ()
-        said = notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
+        explained = Rung.FITTED_PLANT in rungs and not looped(found.checks(i))
+        why = left(rungs, self.plant, climbed, found, i) if explained else ()
+        used = found.model.u[i % len(found.model.u)]
+        said = notes.projected(given, used, found.model.Ts)
+        said += notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
         return self.answer(climbed, found, i, why, said, given.y.shape[1] * given.Ts)
 
     def answer(
@@ -299,7 +308,12 @@ class Tuner:
             plant, seen.model, seen.fit, seen.response, seen.used.y, climbed.judged, seen.theta,
             anywhere=method.any_measured, alone=method.rungs == (Rung.BLACK_BOX,),
         )  # fmt: skip
-        return climbed, assessment
+        return climbed, assessment.followed_by(self.looped(recording))
+
+    def looped(self, recording: Recording) -> dict[str, Finding]:
+        """Whether inputs follow outputs, as in a loop that nobody named."""
+        given = recording.u, recording.y, recording.Ts, recording.reference
+        return Findings(self.plant, None).of_feedback(self.black_box, *given)
 
     def look(self, recording: Recording, start: str = "auto") -> Look:
         """Models of every episode, and the method's own gains."""
@@ -315,7 +329,7 @@ class Tuner:
                           remedy=remedy)  # fmt: skip
         alone = method.rungs == (Rung.BLACK_BOX,)
         theta = recording.parameters(plant, needed=not alone)
-        used = recording.resampled(plant.Ts)
+        used = self._opened(recording, theta, start)
         model = black_box(plant, self.black_box, used.u, used.y, start, used.oversampled)
         own = self.gains(replace(used, y=model.y))
         still = self._still(used) if method.needs_excitation else np.zeros(len(used), np.bool_)
@@ -323,6 +337,17 @@ class Tuner:
         target = plant.loop_target
         response = None if target is None else Response.of(model, target)
         return Look(recording, used, theta, model, own, still, fitted, response)
+
+    def _opened(self, recording: Recording, theta: Array, start: str) -> Recording:
+        """Recordings at the plant's sampling time, those in a loop as if there were none."""
+        plant, used = self.plant, recording.resampled(self.plant.Ts)
+        if recording.reference is None:
+            return used
+        inputs = np.broadcast_to(recording.u, recording.y.shape)
+        explained = projected_on(recording.reference, inputs, recording.Ts, self.black_box)
+        u = replace(recording, u=explained).resampled(plant.Ts).u
+        y = opened(plant, self.black_box, u, used.u, used.y, theta, start, used.oversampled)
+        return replace(used, u=u, y=y, reference=None)
 
     def predict(
         self,
