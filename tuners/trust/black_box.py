@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tuners.features.laguerre import Laguerre, combined, lifted, products
 from tuners.features.regularised import Regularised, regularised
+from tuners.trust.octaves import along
 from yawrate_env import validation
 from yawrate_env.plant.episodes import sample
 from yawrate_env.plant.plant import Plant
@@ -36,6 +37,7 @@ _PLANTS, _MORE_PLANTS, _MOST_PLANTS, _POLES = 16, 64, 512, 25
 _SEED = 21
 _HIDDEN = 4.0  # of the noise's variance, where a start has some twenty unknowns
 _SIGNIFICANT = 4.0  # standard deviations of the statistic under rest
+_SHARES = (4, 2, 1)  # of the functions: an n-th of the decays is tried first
 _LARGEST_KEPT = 20_000  # samples: 3 MB
 _NEGLIGIBLE = 3e-6  # of the output's energy: the functions themselves may leave out as much
 
@@ -61,8 +63,8 @@ class BlackBox:
         operating point, 2 with a trend, all in motion.
     free : NDArray
         (B, N) what was subtracted: offset, trend and free response.
-    offset : NDArray
-        (B,) constant part of the output.
+    offset, trend : NDArray
+        (B,) constant part of the output, and the straight one at the recording's end.
     coefficients : NDArray
         (B, n) on the functions.
     information : NDArray
@@ -79,6 +81,7 @@ class BlackBox:
     extra: NDArray[np.int64]
     free: Array
     offset: Array
+    trend: Array
     coefficients: Array
     information: Array
     residual: Array
@@ -166,19 +169,23 @@ def free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, Array
     -------
     signals : (n + 2, N) float64
         A constant; with it a straight line; with both the decays of the basis' states.
-    constant : (n + 2,) float64
-        The constant in a sum of the signals is this times their coefficients.
+    straight : (2, n + 2) float64
+        Constant and trend in a sum of the signals are this times their coefficients.
     """
     return (_kept if N <= _LARGEST_KEPT else _free_responses)(functions, N, Ts)
 
 
 def _free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, Array]:
+    straight = [np.ones(N), np.linspace(-1.0, 1.0, N)]
+    Q, R = np.linalg.qr(np.concatenate([straight, decays(functions, N, Ts)]).T)
+    return np.ascontiguousarray(Q.T), np.linalg.inv(R)[:2]
+
+
+def decays(functions: Laguerre, N: int, Ts: float) -> Array:
+    """Impulse responses of the functions, (n, N), which are their states' free responses too."""
     impulse = np.zeros((1, N + 1))
     impulse[0, 0] = 1.0
-    decays = functions.regressors(impulse, Ts)[0, :, 1:]
-    straight = [np.ones(N), np.linspace(-1.0, 1.0, N)]
-    Q, R = np.linalg.qr(np.concatenate([straight, decays]).T)
-    return np.ascontiguousarray(Q.T), np.linalg.inv(R)[0]
+    return functions.regressors(impulse, Ts)[0, :, 1:]
 
 
 _kept = lru_cache(maxsize=4)(_free_responses)
@@ -206,8 +213,9 @@ def black_box(
         raise ValueError(
             f"{N} samples are too few, at least {SAMPLES * n} are needed. Record for longer."
         )
-    Z, constant = free_responses(functions, N, Ts)
-    levels = {"rest": (0,), "offset": (1,), "unknown": (len(Z),)}.get(start, (0, 1, 2, len(Z)))
+    Z, straight = free_responses(functions, N, Ts)
+    moving = tuple(2 + n // k for k in _SHARES if n // k > 1)
+    levels = {"rest": (0,), "offset": (1,), "unknown": (len(Z),)}.get(start, (0, 1, 2, *moving))
     if not plant.linear and start == "auto":
         levels = (1,)
     Z = Z[: levels[-1]]
@@ -222,15 +230,23 @@ def black_box(
         with np.errstate(divide="ignore", invalid="ignore"):  # an output of zeros
             statistic = (best.residual / found.residual - 1) * independent
         more = level - extra
-        needed = statistic > more + _SIGNIFICANT * np.sqrt(2 * more)
+        least = more + _SIGNIFICANT * np.sqrt(2 * more)
+        needed = statistic > least
         needed &= best.residual - found.residual > _NEGLIGIBLE * energy
+        for i in np.flatnonzero(needed & (statistic <= least * independent)).tolist():
+            c, z = found.coefficients[[i], None], found.extra[i, :level]
+            explained = functions.outputs(u[[i % len(u)]], c, Ts)[0] + z @ Z[:level]
+            white = found.residual[[i]] / independent
+            noise = along(Z[extra[i] : level], y[[i]] - explained, white)
+            needed[i] = statistic[i] * white[0] > least[i] * noise[0]
         extra = np.where(needed, level, extra)
         best = best.where(needed, found)
     removed = extra if plant.linear or start != "auto" else np.zeros_like(extra)
     z = np.where(np.arange(len(Z)) < removed[:, None], best.extra, 0.0)
     free = z @ Z
+    constant, trend = straight[:, : len(Z)] @ z.T
     return BlackBox(
-        functions, u, y - free, Ts, oversampled, removed, free, z @ constant[: len(Z)],
+        functions, u, y - free, Ts, oversampled, removed, free, constant, trend,
         best.coefficients, best.information, best.residual,
     )  # fmt: skip
 
