@@ -5,6 +5,7 @@ from tuners.tuner.method import Rung
 from yawrate_env.plant.names import check_name
 from yawrate_env.plant.plant import Plant
 
+_OF_RESPONSES = "limited", "bend", "halves", "lingering", "vague", "disturbed"
 _HOPELESS = 30.0  # times the spread that needs no care: no advice of this kind helps
 
 
@@ -20,7 +21,7 @@ def reasons(
         c.name in spreads and c.verdict is Verdict.REFUSE for c in failed
     ):  # where the recording tells next to nothing, its contradictions mean nothing
         errors = [check_name(name, "error") for name in plant.counted]
-        doubtful = {*explained, *errors, "limited", "bend", "halves"}
+        doubtful = {*explained, *errors, *_OF_RESPONSES}
         failed = [c for c in failed if c.name not in doubtful]
     others = [c.message for c in failed if not (why and c.name in explained)]
     return tuple(dict.fromkeys([*(why if failed else ()), *others, *_wanted(failed, spreads)]))
