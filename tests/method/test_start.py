@@ -38,7 +38,7 @@ def cut(recording, first, offset):
 
 
 def test_free_responses_are_orthonormal_and_hold_decays_a_trend_and_a_constant():
-    Z, constant = free_responses(FUNCTIONS, 5000, 0.001)
+    Z, (constant, trend) = free_responses(FUNCTIONS, 5000, 0.001)
     np.testing.assert_allclose(Z @ Z.T, np.eye(FUNCTIONS.order + 2), atol=1e-10)
     decay = np.exp(-FUNCTIONS.pole * 0.001 * np.arange(5000))
     for signal in (decay, np.arange(5000) * decay, np.arange(5000), np.ones(5000)):
@@ -46,6 +46,7 @@ def test_free_responses_are_orthonormal_and_hold_decays_a_trend_and_a_constant()
     # The constant is found beside a decay and a line about the middle, and by the first alone.
     mixed = 0.3 + 0.2 * decay + 0.1 * np.linspace(-1, 1, 5000)
     assert Z @ mixed @ constant == pytest.approx(0.3, rel=1e-9)
+    assert Z @ mixed @ trend == pytest.approx(0.1, rel=1e-9)
     assert (Z @ np.full(5000, 0.3))[0] * constant[0] == pytest.approx(0.3, rel=1e-9)
 
 

@@ -54,7 +54,7 @@ def test_noise_that_counts_is_noise_around_the_crossover():
     assert 6 < (noise_level(held, 0.001, 1.5) / (held**2).mean(axis=1)).mean() < 14
 
 
-OF_RESPONSES = {"bend", "halves", "limited"}
+OF_RESPONSES = {"bend", "halves", "lingering", "limited", "vague", "disturbed"}
 ALONE = {"parts", "louder", "pattern"}
 
 

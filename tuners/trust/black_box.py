@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from tuners.features.integrated import Integrated
 from tuners.features.laguerre import Laguerre, combined, lifted, products
 from tuners.features.regularised import Regularised, regularised
+from tuners.trust.octaves import along
 from yawrate_env import validation
 from yawrate_env.plant.episodes import sample
 from yawrate_env.plant.plant import Plant
@@ -39,6 +40,7 @@ _PLANTS, _MORE_PLANTS, _MOST_PLANTS, _POLES = 16, 64, 512, 25
 _SEED = 21
 _HIDDEN = 4.0  # of the noise's variance, where a start has some twenty unknowns
 _SIGNIFICANT = 4.0  # standard deviations of the statistic under rest
+_SHARES = (4, 2, 1)  # of the functions: an n-th of the decays is tried first
 _LARGEST_KEPT = 20_000  # samples: 3 MB
 _NEGLIGIBLE = 3e-6  # of the output's energy: the functions themselves may leave out as much
 
@@ -64,8 +66,8 @@ class BlackBox:
         operating point, 2 with a trend, more under loads that change, all in motion.
     free : NDArray
         (B, N) what was subtracted: offset, trend and free response.
-    offset : NDArray
-        (B,) constant part of the output.
+    offset, trend : NDArray
+        (B,) constant part of the output, and the straight one at the recording's end.
     coefficients : NDArray
         (B, n) on the functions.
     information : NDArray
@@ -85,6 +87,7 @@ class BlackBox:
     extra: NDArray[np.int64]
     free: Array
     offset: Array
+    trend: Array
     coefficients: Array
     information: Array
     residual: Array
@@ -184,19 +187,23 @@ def free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, Array
     signals : (n + l + 2, N) float64
         A constant; with it a straight line; of a plant with an integrator, whose loads change on
         the way, l signals with a bend each; with all the decays of the basis' states.
-    constant : (n + l + 2,) float64
-        The constant in a sum of the signals is this times their coefficients.
+    straight : (2, n + l + 2) float64
+        Constant and trend in a sum of the signals are this times their coefficients.
     """
     return (_kept if N <= _LARGEST_KEPT else _free_responses)(functions, N, Ts)
 
 
 def _free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, Array]:
+    straight = [np.ones(N), np.linspace(-1.0, 1.0, N), *functions.loads(N)]
+    Q, R = np.linalg.qr(np.concatenate([straight, decays(functions, N, Ts)]).T)
+    return np.ascontiguousarray(Q.T), np.linalg.inv(R)[:2]
+
+
+def decays(functions: Laguerre, N: int, Ts: float) -> Array:
+    """Impulse responses of the functions, (n, N), which are their states' free responses too."""
     impulse = np.zeros((1, N + 1))
     impulse[0, 0] = 1.0
-    decays = functions.regressors(impulse, Ts)[0, :, 1:]
-    signals = [np.ones(N), np.linspace(-1.0, 1.0, N), *functions.loads(N), *decays]
-    Q, R = np.linalg.qr(np.stack(signals, axis=1))
-    return np.ascontiguousarray(Q.T), np.linalg.inv(R)[0]
+    return functions.regressors(impulse, Ts)[0, :, 1:]
 
 
 _kept = lru_cache(maxsize=4)(_free_responses)
@@ -225,8 +232,10 @@ def black_box(
         raise ValueError(
             f"{N} samples are too few, at least {SAMPLES * n} are needed. Record for longer."
         )
-    Z, constant = free_responses(functions, N, Ts)
-    steps = sorted({0, 1, 2, len(Z) - n, len(Z)})
+    Z, straight = free_responses(functions, N, Ts)
+    loads = len(Z) - n
+    moving = (loads + n // k for k in _SHARES if n // k > 1)
+    steps = sorted({0, 1, 2, loads, *moving})
     levels = {"rest": (0,), "offset": (1,), "unknown": (len(Z),)}.get(start, tuple(steps))
     if not plant.linear and start == "auto":
         levels = (len(Z),) if plant.initial else (1,)
@@ -242,15 +251,23 @@ def black_box(
         with np.errstate(divide="ignore", invalid="ignore"):  # an output of zeros
             statistic = (best.residual / found.residual - 1) * independent
         more = level - extra
-        needed = statistic > more + _SIGNIFICANT * np.sqrt(2 * more)
+        least = more + _SIGNIFICANT * np.sqrt(2 * more)
+        needed = statistic > least
         needed &= best.residual - found.residual > _NEGLIGIBLE * energy
+        for i in np.flatnonzero(needed & (statistic <= least * independent)).tolist():
+            c, z = found.coefficients[[i], None], found.extra[i, :level]
+            explained = functions.outputs(u[[i % len(u)]], c, Ts)[0] + z @ Z[:level]
+            white = found.residual[[i]] / independent
+            noise = along(Z[extra[i] : level], y[[i]] - explained, white)
+            needed[i] = statistic[i] * white[0] > least[i] * noise[0]
         extra = np.where(needed, level, extra)
         best = best.where(needed, found)
     removed = extra if plant.linear or start != "auto" else np.zeros_like(extra)
     z = np.where(np.arange(len(Z)) < removed[:, None], best.extra, 0.0)
     free = z @ Z
+    constant, trend = straight[:, : len(Z)] @ z.T
     return BlackBox(
-        functions, u, y - free, Ts, oversampled, removed, free, z @ constant[: len(Z)],
+        functions, u, y - free, Ts, oversampled, removed, free, constant, trend,
         best.coefficients, best.information, best.residual,
         levels[-1] if plant.initial and start == "auto" else 0,
     )  # fmt: skip

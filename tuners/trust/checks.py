@@ -155,7 +155,7 @@ def assess(
             metrics, spread, found = _by_fit(make, fitted, judged)
         else:
             metrics, spread, found = _by_response(make, response, judged)
-        findings |= make.of_recordings(model, fitted, response) | found
+        findings |= make.of_recordings(model, fitted, response, spread) | found
     if alone:
         exact, exact_spread = np.full_like(exact, np.nan), np.full_like(exact, np.nan)
         fitted = replace(  # a plant that nobody asked about has no parameters to report
@@ -163,7 +163,8 @@ def assess(
             theta=np.full_like(fitted.theta, np.nan),
             covariance=np.full_like(fitted.covariance, np.nan),
         )
-        asked = {"implausible", "noise", "colour", "bend", "halves", "limited", "unsolved"}
+        asked = {"implausible", "noise", "colour", "bend", "halves", "lingering"}
+        asked |= {"limited", "unsolved"}
         asked |= {check_name(m, what) for m in plant.counted for what in ("spread", "error")}
         findings = {name: finding for name, finding in findings.items() if name in asked}
     worded = {n: replace(f, message=plant.messages.get(n, f.message)) for n, f in findings.items()}
@@ -188,10 +189,15 @@ def _by_response(make: Findings, response: Response, judged: Judged) -> Answer:
     barred = ~np.isfinite(gains).all(axis=1) & response.without_gains
     solved |= barred
     spread, contrast, off = (np.where(barred[:, None], 0.0, a) for a in (spread, contrast, off))
+    contradicted = (contrast > _SMALL * MISS * error).any(axis=1)
+    vague = np.where(contradicted, (spread / widths).max(axis=1), 0.0)
+    disturbed = np.where(contradicted, make.colour(response, spread), 0.0)
     return metrics, spread, {
         "undesigned": make.of("undesigned", np.where(barred, 1.0, 0.0)),
         **make.of_metrics("spread", spread, widths, widest, _INFORMATION),
         **make.of_metrics("contrast", contrast, _SMALL * MISS * error, foreign, _CONTRAST),
+        "vague": make.of("vague", vague),
+        "disturbed": make.of("disturbed", disturbed),
         **make.of_response(response, gains),
         **make.of_metrics("error", off, error, error, _MISSED),
         "limited": make.of("limited", limited, refusal=_MOST_GIVEN_UP),
@@ -208,7 +214,7 @@ def _by_fit(make: Findings, fitted: Fit, judged: Judged) -> Answer:
     if fitted.discrepancy is not None:
         slopes = metric_slopes(plant, fitted, gains)
         known, parts = fitted.discrepancy.spread(slopes), fitted.discrepancy.difference(slopes)
-        spread = np.hypot(known, parts)
+        spread = np.maximum(known, parts)
     off = np.abs(metrics - plant.targets(fitted.theta))
     solved = judged.solved & np.isfinite(gains).all(axis=1)
     designed = np.asarray(np.isfinite(plant.oracle(fitted.theta)).all(axis=1))

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from tuners.trust.fast_length import fast_length
 from tuners.trust.identification import UNIFORM
+from tuners.trust.octaves import octaves
 
 Array = NDArray[np.float64]
 
-_COLOURED = 3.0  # standard deviations of a band's power that count as colour
-_LOWEST = 2  # bands begin with four frequencies
 _CHANCE = 3.0  # standard deviations of a difference between fits that noise may cause
 _FARTHEST = 1.0  # of a range: a longer step is far from linear
 
@@ -80,9 +79,10 @@ class Discrepancy:
             (one, by_one), (other, by_other) = fitted(_of(mask)), fitted(_of(~mask))
             shifts.append((one - other) / 2)  # how far either is from the whole
             chance.append((by_one + by_other) / 4)
-        straight, by_straight = fitted(_without_line)
-        shifts.append(straight)
-        chance.append(by_straight - quiet * inverse)
+        seen = _without_line(slopes)
+        own = slopes @ seen.swapaxes(1, 2)
+        shifts.append(2 * (inverse @ (seen @ error[..., None]))[..., 0])
+        chance.append(4 * quiet * inverse @ (own - own @ inverse @ own) @ inverse)
         more = inverse @ _coloured(error, slopes, noise) @ inverse
         return cls(white + more, np.stack(shifts, axis=1), np.stack(chance, axis=1))
 
@@ -135,22 +135,5 @@ def _coloured(error: Array, slopes: Array, noise: Array) -> Array:
     power = np.abs(np.fft.rfft(error, length)) ** 2 / N
     X = np.fft.rfft(slopes, length) * np.sqrt(2 / length)
     X[..., [0, -1]] /= np.sqrt(2)
-    more = np.maximum(_spectrum(power, q, noise) - noise[:, None], 0.0)
+    more = np.maximum(octaves(power, q, noise) - noise[:, None], 0.0)
     return np.asarray(((X * more[:, None]) @ X.conj().swapaxes(1, 2)).real)
-
-
-def _spectrum(power: Array, q: int, noise: Array) -> Array:
-    """Spectra (B, F) of residuals' power: white, or of octaves, where one of these is stronger.
-
-    Noise of a low frequency is taken to be at least as strong as that of a high one, since a fit
-    of q parameters takes from the residual where the plant responds.
-    """
-    index = np.maximum(np.arange(power.shape[1]), 1)
-    band = np.maximum(np.log2(index).astype(np.intp), _LOWEST - 1) - _LOWEST + 1
-    count = np.bincount(band).astype(float)
-    sums = np.stack([power[:, band == b].sum(axis=1) for b in range(len(count))], axis=1)
-    most = noise[:, None] * (1 + _COLOURED / np.sqrt(count))
-    white = (sums / count <= most).all(axis=1)
-    count[0] -= min(q / 2, count[0] / 2)
-    level = np.maximum.accumulate((sums / count)[:, ::-1], axis=1)[:, ::-1]
-    return np.where(white[:, None], noise[:, None], level[:, band])

@@ -29,7 +29,10 @@ _NOISIEST = 0.6  # residual over output beyond which gains are refused
 _CONTRADICTED = 0.06  # of the output: a misfit that small errors of the simulator do not explain
 _ANOTHER = 0.5  # of the output: what no other car of the same kind leaves; units are wrong
 _PATTERN = 0.08  # of the output: a pattern that the intervals of a nonlinear plant may not cover
-_BENT = 0.06  # share of the slope beyond which gains are refused: about a miss of the crossover
+_STRONG = 0.12  # of the output: the same of a linear plant
+_BENT = 0.7  # of a metric's `error`: a bend beyond which gains are refused, a third of a miss
+_LINGERS = 0.03  # of the output: a start's response that lasts too long, beyond which is refused
+_QUIET = 0.25  # of the spread that needs no care: noise of any colour that hides nothing
 _CHANGED, _CURVED = 4.0, 3.5  # standard deviations of a change between halves, and of a bend
 
 
@@ -82,15 +85,24 @@ class Findings:
         """Findings on what the black box leaves over: it is not linear, or it changes."""
         moved, distance = response.moved(gains)
         changed = (moved / self.plant.metric_setting("error")).max(axis=1)
-        sure = np.abs(response.bend) - _CURVED * response.doubt
+        bent = (response.bent(gains, _CURVED) / self.plant.metric_setting("error")).max(axis=1)
         values = {
-            "bend": (np.where(sure > 0, np.abs(response.bend), 0.0), _BENT),
+            "bend": (bent, _BENT),
+            "lingering": (response.lingering, _LINGERS),
             "halves": (np.where(distance > _CHANGED, changed, 0.0), MISS),
         }
         return {name: self.of(name, value, refusal=at) for name, (value, at) in values.items()}
 
+    def colour(self, response: Response, spread: Array) -> Array:
+        """Power (B,) of residuals around the crossover over that of white noise.
+
+        It is 1 where metrics are so certain, (B, f), that noise of any colour hides nothing.
+        """
+        quiet = (spread <= _QUIET * self.plant.metric_setting("spread")).all(axis=1)
+        return np.where(quiet, 1.0, response.colour)
+
     def of_recordings(
-        self, model: BlackBox, found: Fit, response: Response | None
+        self, model: BlackBox, found: Fit, response: Response | None, spread: Array
     ) -> dict[str, Finding]:
         """Findings on residuals, and on the fitted plant's difference from the black box."""
         plant = self.plant
@@ -105,12 +117,13 @@ class Findings:
         if response is None:
             louder, pattern = against_declared(plant, model, found)
             findings["louder"] = self.of("louder", louder, refusal=np.inf)
-            most = np.inf if plant.linear else _PATTERN
+            most = _STRONG if plant.linear else _PATTERN
             findings["pattern"] = self.of("pattern", pattern, refusal=most)
         if plant.crossover is not None:
-            colour = (
-                found.noise / noise / model.oversampled if response is None else response.colour
-            )
+            if response is None:
+                colour = found.noise / noise / model.oversampled
+            else:
+                colour = self.colour(response, spread)
             most = most_coloured(found.residual.shape[1], model.Ts, plant.crossover)
             findings["colour"] = self.of("colour", colour, max(most / 2, _WHITE), np.inf)
             if plant.linear and response is None:

@@ -25,8 +25,17 @@ class Limits:
     outside : float
         Distance of the fitted plant from the prior in widths of its ranges, beyond what
         noise can do.
+    vague : float
+        Standard deviation of a metric over the one that needs no care, where the black box asks
+        for other gains than the fitted plant.
+    disturbed : float
+        As `colour`, where the black box asks for other gains than the fitted plant.
+    lingering : float
+        What is taken for the start's free response and lasts longer than it can, over the
+        output, root mean squares.
     bend : float
-        Share by which the response grows or shrinks with the amplitude, beyond what noise can do.
+        Metrics by which no amplitude differs from the recording's, over their `error`, beyond what
+        noise can do.
     halves : float
         Metrics by which the recording's halves differ from the whole, beyond what noise can do,
         over their `error`.
@@ -55,7 +64,10 @@ class Limits:
     noise: float = 0.3
     colour: float = 20.0
     outside: float = 0.1
-    bend: float = 0.02
+    vague: float = 1.3
+    disturbed: float = 3.0
+    lingering: float = 0.01
+    bend: float = 0.3
     halves: float = 1.0
     parts: float = 1 / 3
     louder: float = 2.0
@@ -77,6 +89,12 @@ MESSAGES = {
     "colour": "Something other than the input moves the output around the crossover: a "
     "disturbance, a drift or a sensor fault.",
     "outside": "The fitted plant lies outside the prior that the tuner was made for.",
+    "vague": "The recording contradicts the fitted plant, and tells too little to do without it: "
+    "excite more strongly, more quickly, or for longer.",
+    "disturbed": "The recording contradicts the fitted plant, but something other than the input "
+    "moves the output around the crossover, which may be why: record while less disturbs it.",
+    "lingering": "The output changes as after a start that the plant should have forgotten: the "
+    "operating point moves, or the plant is not linear.",
     "bend": "The output does not grow in proportion to the input: the plant or the sensor "
     "saturates. Excite with the amplitude that the loop will have.",
     "halves": "The response changes during the recording: the operating point moves, or "

@@ -33,7 +33,7 @@ def sandwich(
     length, signals = fast_length(N), model.projected(filtered)
     transformed = np.fft.rfft(np.concatenate([error[:, None], signals], axis=1), length)
     E, X = transformed[:, 0], transformed[:, 1:]
-    spectra, coloured = _spectrum(model, (E * E.conj()).real / N, length, crossover)
+    spectra, coloured = spectra_of(model, (E * E.conj()).real / N, length, crossover)
     X = X * np.sqrt(_sides(X.shape[2]) / length)
     noisy = X * np.sqrt(spectra)[:, None]
     noisy = np.concatenate([noisy.real, noisy.imag], axis=2)
@@ -83,7 +83,7 @@ def weighted(
     return c, doubt * (J @ middle @ J.swapaxes(1, 2))[0]
 
 
-def _spectrum(
+def spectra_of(
     model: BlackBox, power: Array, length: int, crossover: float
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Noise spectra (B, F) from residuals' power, white but for bands that are not; any colour.

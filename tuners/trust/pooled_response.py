@@ -98,8 +98,9 @@ def pooled(responses: Sequence[Response], found: Coordinates) -> Response:
         colour=np.max([each.colour for each in responses], axis=0),
         halves=np.zeros_like(first.halves),
         changed=zeros,
-        bend=zeros,
-        doubt=np.ones_like(zeros),
+        lingering=zeros,
+        curvature=first.curvature.none,
+        coefficients=np.full_like(first.coefficients, np.nan),
     )
 
 

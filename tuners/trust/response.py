@@ -14,8 +14,11 @@ from numpy.typing import NDArray
 
 from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import BlackBox
+from tuners.trust.curvature import Curvature
 from tuners.trust.likely_prior import Estimate, most_likely
+from tuners.trust.memory import lingering
 from tuners.trust.noise_spectrum import response_slopes, sandwich, weighted
+from yawrate_env.batch import take
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import Design, Status, design_from_response
 from yawrate_env.loop.margins import delta_operator
@@ -32,7 +35,6 @@ _LEAST = 1e-20  # of the output's energy: noise below rounding
 _NOISE_LEFT = 0.02  # of the residual, where a difference between halves explains nearly all
 _SURE = 3.0  # standard deviations
 _WHOLE = 1e-6  # of a sampling time
-_ROUNDING = 1e-6  # of the cube's energy
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,7 @@ class Response:
     model : BlackBox
         The black box, not yet regularised.
     coefficients : NDArray
-        (B, n) regularised, on its functions.
+        (B, n) regularised, on its functions; ``nan`` for several recordings together.
     omega : NDArray
         (F,) frequencies [rad/s], evenly spaced in their logarithm.
     values : NDArray
@@ -65,11 +67,10 @@ class Response:
         (B, 2) by how much the second half of the recording asks for another `required`.
     changed : NDArray
         (B,) share of the residual that a difference between the halves explains.
-    bend : NDArray
-        (B,) by which share the response grows, or shrinks if negative, from no amplitude to the
-        recording's: what a cube of the output explains of the residual.
-    doubt : NDArray
-        (B,) standard deviation of `bend`.
+    lingering : NDArray
+        (B,) what is taken for the start's free response and lasts too long, over the output.
+    curvature : Curvature
+        Whether the response bends with the amplitude.
     """
 
     target: Target
@@ -84,8 +85,8 @@ class Response:
     colour: Array
     halves: Array
     changed: Array
-    bend: Array
-    doubt: Array
+    lingering: Array
+    curvature: Curvature
 
     @classmethod
     def of(cls, model: BlackBox, target: Target) -> "Response":
@@ -100,7 +101,8 @@ class Response:
         covariance, spectra, coloured = sandwich(model, error, signals[:, 1:], target.crossover)
         covariance += J @ found.hidden @ J.swapaxes(1, 2)
         halves, changed = _halves(model, error, J @ found.estimator)
-        bent = _bend(model, output, error)
+        curvature = Curvature.of(model, output, error, J, target.crossover)
+        smooth = found.coefficients.copy()
         for i in np.flatnonzero(coloured).tolist():
             found.coefficients[i], covariance[i] = weighted(
                 model, i, spectra[i], at, target.crossover
@@ -115,20 +117,9 @@ class Response:
         at_crossover = round(2 * (spectra.shape[1] - 1) * model.Ts * target.crossover)
         colour = spectra[:, at_crossover] / np.where(noise > 0, noise, 1.0) / model.oversampled
         return cls(
-            target,
-            model,
-            found.coefficients,
-            omega,
-            values,
-            required,
-            covariance,
-            output,
-            noise,
-            colour,
-            halves,
-            changed,
-            *bent,
-        )
+            target, model, found.coefficients, omega, values, required, covariance, output, noise,
+            colour, halves, changed, lingering(model, smooth), curvature,
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.values)
@@ -178,11 +169,13 @@ class Response:
     def _pulse(self, i: int) -> Array | None:
         """Output (K,) at the controller's samples for an input of one during the first of them.
 
-        None where the recording's samples are none of whole parts of the controller's.
+        None where the recording's samples are no whole parts of the controller's, or where there
+        are several recordings.
         """
         functions, Ts, hold = self.model.functions, self.model.Ts, self.target.Ts
         parts = round(hold / Ts)
-        if parts < 1 or abs(parts * Ts - hold) > _WHOLE * hold:
+        known = np.isfinite(self.coefficients[i]).all()
+        if not known or parts < 1 or abs(parts * Ts - hold) > _WHOLE * hold:
             return None
         held = np.zeros((1, parts * pulse_samples(self.target)))
         held[0, :parts] = 1.0
@@ -191,9 +184,10 @@ class Response:
 
     def part(self, i: int) -> "Response":
         """Recording `i` alone."""
-        shared = {"target", "model", "omega"}
-        rows = {f.name: getattr(self, f.name)[[i]] for f in fields(self) if f.name not in shared}
-        return replace(self, model=self.model.part(i), **rows)
+        apart = {"target", "model", "omega", "curvature"}
+        rows = {f.name: getattr(self, f.name)[[i]] for f in fields(self) if f.name not in apart}
+        curvature = take(self.curvature, np.array([i]))
+        return replace(self, model=self.model.part(i), curvature=curvature, **rows)
 
     def at(self, crossover: float) -> "Response":
         """The same recordings' response, for a target with another crossover [Hz]."""
@@ -222,6 +216,16 @@ class Response:
             covariance = np.where(regular, covariance, np.eye(2))
             scaled = np.linalg.solve(covariance, difference[..., None])[..., 0]
             return np.abs(difference) / 2, np.sqrt((difference * scaled).sum(axis=1))
+
+    def bent(self, gains: Array, sure: float) -> Array:
+        """Metrics (B, 2) by which gains differ between no amplitude and the recording's.
+
+        The most of the terms that are `sure` standard deviations from none.
+        """
+        J, terms = self._metric_slopes(gains), self.curvature
+        with np.errstate(invalid="ignore"):
+            shifts = np.abs(np.einsum("bij,bmj->bmi", J, terms.shifts))
+        return np.asarray(np.where(terms.sizes[..., None] > sure, shifts, 0.0).max(axis=1))
 
     def metric_covariance(self, gains: Array) -> Array:
         """Covariance (B, 2, 2) of the `metrics` of gains (B, 2); ``nan`` where there are none."""
@@ -287,22 +291,6 @@ def _halves(model: BlackBox, error: Array, filters: Array) -> tuple[Array, Array
     energy = (error**2).sum(axis=1)
     share = explained.sum(axis=1) / np.where(energy > 0, energy, 1.0)
     return np.asarray(-4 * (filters @ right[..., None])[..., 0]), share
-
-
-def _bend(model: BlackBox, output: Array, error: Array) -> tuple[Array, Array]:
-    """What a cube of the output explains of residuals, as growth of the slope, and its doubt."""
-    cube = model.projected((output * output * output)[:, None])[:, 0]
-    _, right = model.functions.normal_equations(
-        model.u, cube, model.Ts, np.empty((0, cube.shape[1]))
-    )
-    explained = (right * np.linalg.solve(model.information, right[..., None])[..., 0]).sum(axis=1)
-    left = (cube**2).sum(axis=1) - explained
-    slope = 3 * (output**2).mean(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = slope * (cube * error).sum(axis=1) / left
-        doubt = slope * np.sqrt((error**2).mean(axis=1) * model.oversampled / left)
-    flat = left <= _ROUNDING * (cube**2).sum(axis=1)  # two levels of the output: nothing tells
-    return np.where(flat, 0.0, share), np.where(flat, 0.0, doubt)
 
 
 def _frequencies(target: Target) -> Array:

@@ -5,6 +5,7 @@ from tuners.tuner.method import Rung
 from yawrate_env.plant.names import check_name
 from yawrate_env.plant.plant import Plant
 
+_OF_RESPONSES = "limited", "bend", "halves", "lingering", "vague", "disturbed"
 _HOPELESS = 30.0  # times the spread that needs no care: no advice of this kind helps
 _BESIDE = ("feedback", "implausible", "noise", "unsolved")
 
@@ -28,7 +29,7 @@ def reasons(
         c.name in spreads and c.verdict is Verdict.REFUSE for c in failed
     ):  # where the recording tells next to nothing, its contradictions mean nothing
         errors = [check_name(name, "error") for name in plant.counted]
-        doubtful = {*explained, *errors, "limited", "bend", "halves"}
+        doubtful = {*explained, *errors, *_OF_RESPONSES}
         failed = [c for c in failed if c.name not in doubtful]
     if any(c.name == "logs" for c in failed):  # recordings that differ widen every interval
         failed = [c for c in failed if c.name not in spreads]

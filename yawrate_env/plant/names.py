@@ -13,8 +13,8 @@ MARGINS = ("phase_margin", "crossover")
 
 CHECKS = (
     "implausible", "misfit", "response", "noise", "colour", "outside", "bend", "halves", "parts",
-    "louder", "pattern", "limited", "undesigned", "unsolved", "between", "stretched",
-    "logs", "extrapolated",
+    "louder", "pattern", "limited", "undesigned", "unsolved", "between", "stretched", "logs",
+    "extrapolated", "vague", "disturbed", "lingering",
 )  # fmt: skip
 """Checks that every plant's recordings undergo."""
 

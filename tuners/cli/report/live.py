@@ -130,7 +130,7 @@ def _spline(omega: Array, values: Array) -> dict[str, list[float]]:
 def _known(result: Result, slowest: float, fastest: float) -> dict[str, Any] | None:
     """Covariance of log magnitude and phase that a controller must supply, by crossover."""
     response = result.response
-    if response is None:
+    if response is None or not np.isfinite(response.coefficients).all():
         return None
     crossovers = np.geomspace(slowest, fastest, _KNOWN)
     found = np.array([response.at(float(f)).covariance[0] for f in crossovers])

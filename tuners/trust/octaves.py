@@ -1,0 +1,42 @@
+"""Noise spectra by octaves: white, or stronger toward low frequencies."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+
+Array = NDArray[np.float64]
+
+_COLOURED = 3.0  # standard deviations of a band's power that count as colour
+_LOWEST = 2  # bands begin with four frequencies
+
+
+def octaves(power: Array, q: int, noise: Array) -> Array:
+    """Spectra (B, F) of residuals' power: white, or of octaves, where one of these is stronger.
+
+    Noise of a low frequency is taken to be at least as strong as that of a high one, since a fit
+    of q parameters takes from the residual where the plant responds.
+    """
+    index = np.maximum(np.arange(power.shape[1]), 1)
+    band = np.maximum(np.log2(index).astype(np.intp), _LOWEST - 1) - _LOWEST + 1
+    count = np.bincount(band).astype(float)
+    sums = np.stack([power[:, band == b].sum(axis=1) for b in range(len(count))], axis=1)
+    most = noise[:, None] * (1 + _COLOURED / np.sqrt(count))
+    white = (sums / count <= most).all(axis=1)
+    count[0] -= min(q / 2, count[0] / 2)
+    level = np.maximum.accumulate((sums / count)[:, ::-1], axis=1)[:, ::-1]
+    return np.where(white[:, None], noise[:, None], level[:, band])
+
+
+def along(signals: Array, error: Array, noise: Array) -> Array:
+    """Power (B,) of noise with residuals (B, N) along orthonormal signals (m, N), at least white's.
+
+    Parameters
+    ----------
+    noise : (B,) float64
+        Power of white noise with this residual.
+    """
+    N = error.shape[1]
+    length = next_fast_len(N, real=True)
+    spectra = octaves(np.abs(np.fft.rfft(error, length)) ** 2 / N, len(signals), noise)
+    weights = (np.abs(np.fft.rfft(signals, length)) ** 2).sum(axis=0)
+    return np.asarray(np.maximum(spectra @ weights / weights.sum(), noise))
