@@ -145,6 +145,7 @@ def test_import_registers_every_environment_once():
         "yawrate/PITuningFeatures-v0",
         "yawrate/Plant-v0",
         "yawrate/PlantFeatures-v0",
+        "yawrate/PIRecalibration-v0",
     }
 
 
