@@ -149,7 +149,7 @@ class RecalibrationInterface:
         course, driven = self.drives.window(course, window, gains, probe)
         coming = self.drives.coming(course, integers)
         obs = self.observation(driven.estimate, gains, coming)
-        return course, coming, obs, self._reward(driven, changed), self._info(driven, changed)
+        return course, coming, obs, *self.outcome(driven, changed)
 
     def chosen(self, actions: NDArray[np.floating]) -> Array:
         """Gains (B, 2) of actions (B, 3 or 4)."""
@@ -216,24 +216,25 @@ class RecalibrationInterface:
         share = np.clip(actions[:, 3], 0.0, 1.0)
         return np.asarray((self.probing / _LEAST_PROBE) * share[:, None] * bits)
 
-    def _reward(self, driven: Driven, changed: NDArray[np.bool_]) -> Array:
+    def outcome(self, driven: Driven, changed: NDArray[np.bool_]) -> tuple[Array, Info]:
+        """Rewards (B,) of windows, and the truth, where gains changed (B,) or not."""
         errors = defined(driven.metrics[:, :2], driven.stable) - driven.wanted
         earned = reward(errors / _SCALES) - self.price * changed
         if self.probing:
             lateral = driven.y * driven.theta[:, 2:]
             earned = earned - self.comfort * np.sqrt((lateral**2).mean(axis=1))
-        return np.where(driven.stable, earned, UNSTABLE)
+        return np.where(driven.stable, earned, UNSTABLE), _info(driven, changed)
 
-    def _info(self, driven: Driven, changed: NDArray[np.bool_]) -> Info:
-        phase_margin = driven.metrics[:, 0]
-        return {
-            **dict(zip(("kp", "Ti"), driven.gains.T, strict=True)),
-            "changed": changed,
-            **dict(
-                zip(("phase_margin", "crossover", "gain_margin"), driven.metrics.T, strict=True)
-            ),
-            "stable": driven.stable,
-            **dict(zip(("oracle_kp", "oracle_Ti"), driven.oracle.T, strict=True)),
-            **dict(zip(CONTEXT, driven.theta.T, strict=True)),
-            "cost": np.where(driven.stable & (phase_margin >= SAFE_MARGIN), 0.0, 1.0),
-        }
+
+def _info(driven: Driven, changed: NDArray[np.bool_]) -> Info:
+    """What is told after a window, arrays (B,)."""
+    phase_margin = driven.metrics[:, 0]
+    return {
+        **dict(zip(("kp", "Ti"), driven.gains.T, strict=True)),
+        "changed": changed,
+        **dict(zip(_MARGINS, driven.metrics.T, strict=True)),
+        "stable": driven.stable,
+        **dict(zip(("oracle_kp", "oracle_Ti"), driven.oracle.T, strict=True)),
+        **dict(zip(CONTEXT, driven.theta.T, strict=True)),
+        "cost": np.where(driven.stable & (phase_margin >= SAFE_MARGIN), 0.0, 1.0),
+    }

@@ -160,9 +160,12 @@ class Conditions:
         begin = (0.02 + 0.18 * unit[:, _BEGIN]) * self.window
         held = (0.3 + 0.3 * unit[:, _LENGTH]) * self.window
         time = self.Ts * np.arange(self.samples, dtype=np.float64)
-        bends = step(time, height, begin, 0.08 * unit[:, _RAMP] * self.window, held)
-        lanes = lane_change(time, height, begin, held)
-        return np.where(unit[:, _KIND, None] < self.lane_changes, lanes, bends)
+        ramp = 0.08 * unit[:, _RAMP] * self.window
+        lanes = unit[:, _KIND] < self.lane_changes
+        reference, bends = np.empty((len(theta), self.samples)), ~lanes
+        reference[lanes] = lane_change(time, height[lanes], begin[lanes], held[lanes])
+        reference[bends] = step(time, height[bends], begin[bends], ramp[bends], held[bends])
+        return reference
 
 
 @dataclass(frozen=True, slots=True, eq=False)

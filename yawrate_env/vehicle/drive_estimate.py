@@ -123,9 +123,11 @@ class Estimator:
         steps : int
             Gauss-Newton steps; the slopes are those of the last one's start.
         """
-        prior, z = self.prior, start
+        prior, z, gain = self.prior, start, None
         for left in range(steps - 1, -1, -1):
-            predictor = Predictor.of(self.vehicle, self.theta(z, v_x), self.noise, self.Ts)
+            theta = self.theta(z, v_x)
+            predictor = Predictor.of(self.vehicle, theta, self.noise, self.Ts, gain)
+            gain = predictor.K, predictor.variance
             gram, after = predictor.gram(u, y, x)
             away = prior.mean - z
             pull = gram[:, 1:, 0] + away / prior.variance
