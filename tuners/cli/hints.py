@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.logs import Log
+from tuners.tuner.reasons import looped
 from tuners.tuner.result import Result
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ def hints(tune: Tune, log: Log, result: Result, input_scale: float) -> tuple[str
     input_scale : float
         Scale of the input as the user gave it.
     """
-    if fits(result):
+    if fits(result) or looped(result.checks):
         return ()
     trial = Trial(tune, log)
     length = len(result.plant.u) * result.plant.Ts

@@ -30,7 +30,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def gathered(**given: Any) -> Any:
-        columns = {role: given.pop(f"{role}_column") for role in ROLES}
+        columns = {role: given.pop(f"{role}_column") for role in (*ROLES, "reference")}
         units = {role: given.pop(f"{role}_unit") for role in ROLES}
         _check_time(given["Ts"], columns["time"], units["time"])
         values = {SPEED: given.pop("speed")}
@@ -115,6 +115,9 @@ def _options() -> list[Decorator]:
     return [
         *(make(role) for role in ROLES for make in (_column, _unit)),
         *(make(signal) for signal in ("input", "output") for make in (_scale, _flip)),
+        option("--reference", "--reference-column", "reference_column", metavar="COLUMN",
+               help="Name or number of the column with the reference of the closed loop in which "
+               "the log was recorded, in the output's unit."),
         option("--steer-ratio", type=POSITIVE, default=1.0, show_default=True,
                help="Hand-wheel angle over road-wheel angle: divides the input."),
         option("--speed", type=POSITIVE,

@@ -6,15 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
+import numpy as np
+from numpy.typing import NDArray
 
-from tuners.cli.arguments import READABLE, Output, example, refuse_overwriting
+from tuners.cli.arguments import NONZERO, POSITIVE, READABLE, Output, example, refuse_overwriting
 from tuners.cli.log_options import log_options
 from tuners.cli.sources import load_tuner
 from tuners.logs import Log, MissingParameterError, Options, SelectionError, read_log
 from tuners.trust.black_box import STARTS
+from tuners.trust.feedback import rebuilt
 from tuners.trust.verdict import Verdict
 from tuners.tuner.result import Result
 from tuners.tuner.tuner import Tuner
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
 
 DEFAULT = "ts-ff-lag-vx"
 WITHOUT = "bb"
@@ -35,6 +41,13 @@ REFUSED = 3
     "or anyhow; auto decides by the data.",
 )
 @click.option(
+    "--old-kp",
+    type=NONZERO,
+    help="kp of the PI that drove, where the log was recorded in a closed loop and has no "
+    "reference: that is then rebuilt.  In the plant's units, as kp in the answer.",
+)
+@click.option("--old-Ti", "old_Ti", type=POSITIVE, help="Ti of that PI [s].")
+@click.option(
     "--tuner",
     metavar="NAME|FILE",
     help="A tuner that the package ships, or a file of `yawrate train`; by default "
@@ -47,6 +60,8 @@ def command(
     log: Path,
     options: Options,
     start: str,
+    old_kp: float | None,
+    old_Ti: float | None,
     tuner: str | None,
     report: Path | None,
     strict: bool,
@@ -61,10 +76,13 @@ def command(
     Exit status: 0 usable, with care or without, 3 refused, 1 unusable data, 2 wrong usage.
     """
     refuse_overwriting(report, log, tuner)
+    drove = _drove(old_kp, old_Ti, options)
     try:
         tuner, trained, recording = _read(log, options, tuner)
     except SelectionError as error:
         raise click.UsageError(str(error)) from None
+    if drove is not None:
+        recording = replace(recording, reference=_rebuilt(recording, trained.plant, drove))
     result = tuned(trained, recording, start, options.input_scale)
     from tuners.cli.answer import as_json
     from tuners.cli.text import as_text
@@ -94,13 +112,45 @@ def _read(log: Path, options: Options, name: str | None) -> tuple[str, Tuner, Lo
     return WITHOUT, trained, read_log(log, trained.plant, options)
 
 
+def _drove(kp: float | None, Ti: float | None, options: Options) -> tuple[float, float] | None:
+    """Gains of the controller that drove, if they are given."""
+    if kp is None and Ti is None:
+        return None
+    if kp is None or Ti is None:
+        raise click.UsageError("--old-kp and --old-Ti belong together: give both.")
+    if "reference" in options.columns:
+        raise click.UsageError(
+            f"--reference {options.columns['reference']} and --old-kp contradict each other: the "
+            "reference need not be rebuilt. Leave out one of the two."
+        )
+    if options.input_is != "command":
+        raise click.UsageError(
+            "--old-kp and --input-is measured contradict each other: the reference is rebuilt from "
+            "the command. Name its column with --input-column."
+        )
+    return kp, Ti
+
+
+def _rebuilt(log: Log, plant: Plant, gains: tuple[float, float]) -> Array:
+    """The reference of a log, from the gains of the controller that drove."""
+    target = plant.parametrisation.target
+    if target is None:
+        raise click.UsageError("--old-kp: this tuner's plant has no PI. Give --reference COLUMN.")
+    return rebuilt(log.u, log.y, log.Ts, gains, target)
+
+
 def tuned(tuner: Tuner, log: Log, start: str, input_scale: float) -> Result:
     """The result for a log, its notes and hints included."""
-    from tuners.cli.hints import Array, hints
+    from tuners.cli.hints import hints
 
     def tune(u: Array, y: Array, measured: dict[str, Array]) -> Result:
         return tuner.tune(u, y, log.Ts, measured, start)
 
-    result = tune(log.u, log.y, log.measured)
-    notes = (*log.notes, *result.notes, *hints(tune, log, result, input_scale))
+    if log.reference is None:
+        result = tune(log.u, log.y, log.measured)
+        advice = hints(tune, log, result, input_scale)
+    else:
+        result = tuner.tune(log.u, log.y, log.Ts, log.measured, start, log.reference)
+        advice = ()
+    notes = (*log.notes, *result.notes, *advice)
     return replace(result, notes=notes)

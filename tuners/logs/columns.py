@@ -84,6 +84,8 @@ def find(table: Table, plant: Plant, options: Options) -> Found:
     given_units = _by_role(options.units, roles)
     values = _by_role(options.values, roles)
     _check_given(columns, values, plant)
+    if "output" in given_units:
+        given_units["reference"] = given_units["output"]
     quantities, notes = {}, []
     for key, role in roles.items():
         if key in values:
@@ -95,6 +97,8 @@ def find(table: Table, plant: Plant, options: Options) -> Found:
             notes += words
     if quantities["input"].name == quantities["output"].name:
         raise SelectionError(f"Input and output are both column {quantities['input'].name}.")
+    if "reference" in quantities and quantities["reference"].name == quantities["output"].name:
+        raise SelectionError(f"Reference and output are both column {quantities['output'].name}.")
     caution = plant.cautions.get(_plain(quantities["input"].name))
     if caution is not None and abs(options.input_scale) == 1:
         notes.append(f"Column {quantities['input'].name} {caution}")
@@ -109,6 +113,8 @@ def _roles(plant: Plant, options: Options) -> Iterator[Role]:
     ):
         names = (split(signal)[0], *plant.synonyms.get(key, ()), short)
         yield Role(key, *split(signal), names, f"--{key}-unit", scale)
+    unit = split(plant.signals[1])[1]
+    yield Role("reference", "the reference", unit, (), "--output-unit", options.output_scale)
     for key in plant.measured:
         words, unit = split(plant.label(key))
         names = (split(key)[0], words, *plant.synonyms.get(key, ()))
@@ -122,7 +128,7 @@ def _by_role(given: Mapping[str, T], roles: dict[str, Role]) -> dict[str, T]:
     for name, value in given.items():
         key = next((k for k, r in roles.items() if _plain(name) in map(_plain, (k, r.words))), None)
         if key is None:
-            measured = list(roles)[3:]
+            measured = list(roles)[4:]
             raise SelectionError(
                 f"measured {name!r} is unknown. Choose one of {', '.join(measured)}."
                 if measured

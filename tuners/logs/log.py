@@ -42,6 +42,8 @@ class Log:
         How the input excites the plant.
     recorded_Ts : float
         Sampling time of the file [s]; `Ts` is shorter after `through_actuator`.
+    reference : NDArray or None
+        (N,) reference of the loop, where a column was named.
     """
 
     source: str
@@ -53,6 +55,7 @@ class Log:
     notes: tuple[str, ...]
     excitation: Excitation
     recorded_Ts: float
+    reference: Array | None = None
 
     @property
     def time(self) -> Array:
@@ -86,18 +89,28 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
         It has no such column or stretch, or the plant no such parameter.
     """
     options = options or Options()
+    _check_reference(options)
     table = read_table(path)
     found = find(table, plant, options)
     base, signals, lost = sampled(found.quantities, _plan(found.quantities, plant, options))
     part, chosen = _stretch(base, signals, plant, options)
     signals = {role: values[part] for role, values in signals.items()}
-    u, y = signals.pop("input"), signals.pop("output")
+    u, y, reference = (signals.pop(role, None) for role in ("input", "output", "reference"))
+    assert u is not None and y is not None
     parameters, assumed = measured.parameters(plant, signals, found.values, len(u))
     excited = excitation.check(plant, u, y, parameters, base.Ts)
     notes = (*table.notes, *lost, *found.notes, *base.notes, *chosen, *assumed, *excited.notes)
     t0 = float(base.grid[part.start])
-    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts)
+    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts, reference)
     return log if options.input_is == "command" else _whole_plant(log, plant)
+
+
+def _check_reference(options: Options) -> None:
+    if "reference" in options.columns and options.input_is != "command":
+        raise SelectionError(
+            "--reference and --input-is measured contradict each other: in a closed loop the "
+            "controller's command is needed. Name its column with --input-column."
+        )
 
 
 def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
@@ -106,7 +119,7 @@ def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
         clock="output",
         least=excitation.SHORTEST * len(plant.u) * plant.Ts,
         pace=pace_of(plant),
-        held=("input",) if options.input_is == "command" else (),
+        held=("input", "reference") if options.input_is == "command" else (),
         slow=tuple(name for name in plant.measured if name in found),
         Ts=options.Ts,
         begin=None if plant.linear else -np.inf if options.start is None else options.start,

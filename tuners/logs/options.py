@@ -14,7 +14,8 @@ class Options:
     Attributes
     ----------
     columns : dict
-        Role to the name or the number (from 1) of its column.
+        Role to the name or the number (from 1) of its column; ``reference`` too, the reference of
+        the loop in which it was recorded, in the output's unit.
     units : dict
         Role to the unit of its column or value; by default what the file says, or the plant's.
     values : dict

@@ -5,8 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import BlackBox
+from tuners.trust.feedback import controller_samples
 from tuners.trust.fit import Fit, most_coloured
+from tuners.trust.innovations import answers
 from tuners.trust.limits import MESSAGES, Limits
 from tuners.trust.residuals import against_declared
 from tuners.trust.response import Response
@@ -21,6 +24,7 @@ MISS = 2.0
 
 _DOUBT = 3.0  # standard deviations that a finding must exceed to count
 _WHITE = 2.0  # times white noise's power in a band: what white noise may happen to have
+_ROUNDED = 1e-3  # of a sampling time
 _NOISIEST = 0.6  # residual over output beyond which gains are refused
 _CONTRADICTED = 0.06  # of the output: a misfit that small errors of the simulator do not explain
 _ANOTHER = 0.5  # of the output: what no other car of the same kind leaves; units are wrong
@@ -112,6 +116,27 @@ class Findings:
             if plant.linear and response is None:
                 findings["response"] = self.of("response", _response(plant.crossover, model, found))
         return {name: findings[name] for name in MESSAGES if name in findings}
+
+    def of_feedback(
+        self, functions: Laguerre, u: Array, y: Array, Ts: float, reference: Array | None
+    ) -> dict[str, Finding]:
+        """Whether inputs answer outputs, or references do where there are some."""
+        if not self.plant.linear:
+            return {}
+        target = self.plant.loop_target
+        step = 1 if target is None else max(int(target.Ts / Ts * (1 + _ROUNDED)), 1)
+        own = controller_samples(u[0], step)
+        asked, u, y = (u if reference is None else reference)[:, own], u[:, own], y[:, own]
+        found = answers(asked, u, y, step * Ts, functions)
+        if reference is not None:
+            return {"reference": self.of("reference", np.abs(found).max(axis=1))}
+        return {"feedback": self.of("feedback", (-self._sign * found).max(axis=1))}
+
+    @property
+    def _sign(self) -> float:
+        """Of the plant's gain: how the output in mid-prior follows a step."""
+        stepped = self.plant.respond(self.plant.middle, np.ones(len(self.plant.u)))[0]
+        return float(np.sign(stepped.mean()))
 
 
 def implausible(plant: Plant, u: Array, y: Array) -> Array:

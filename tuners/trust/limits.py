@@ -38,6 +38,9 @@ class Limits:
     pattern : float
         Residual over simulated output, root mean squares, where it is coloured and larger than
         the noise that the plant declares.
+    feedback, reference : float
+        Correlation of what is new in the output with what is new in the input, or in the
+        reference, at once, in standard deviations.
     limited : float
         Whether the target is out of the controller's reach, as 1 or 0.
     undesigned : float
@@ -57,6 +60,8 @@ class Limits:
     parts: float = 1 / 3
     louder: float = 2.0
     pattern: float = 0.01
+    feedback: float = 4.0
+    reference: float = 4.0
     limited: float = 0.0
     undesigned: float = 0.0
     unsolved: float = 0.0
@@ -82,6 +87,11 @@ MESSAGES = {
     "noisier, or the plant is not as simulated.",
     "pattern": "The residual is not noise but has a pattern: the plant is not as simulated, drifts "
     "or is disturbed. Compare the fitted plant with the recording.",
+    "feedback": "The input answers the output: this was recorded in a closed loop, where noise and "
+    "disturbances look like the plant. Give the reference (--reference), or the gains of the "
+    "controller that drove (--old-kp, --old-Ti).",
+    "reference": "The reference answers the output: it is not this loop's, the old controller had "
+    "other gains, or it saw another output than the logged one.",
     "limited": "The controller cannot reach the target with this plant: the gains come as near as "
     "it can.",
     "undesigned": "The design rule has no gains for the plant that fits the recording.",

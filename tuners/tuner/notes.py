@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.trust.feedback import share
 from tuners.trust.fit import Fit, left_open
 from tuners.trust.limits import Limits
 from tuners.tuner.recording import STEADY, Recording
@@ -41,6 +42,17 @@ def notes(
     output = split(plant.signals[1])
     left = _left_open(plant, left_open(fitted)[i])
     return (*found, *left, *_quantised(given.y[0], fitted.residual[i], *output))
+
+
+def projected(given: Recording, u: Array, Ts: float) -> tuple[str, ...]:
+    """A note where a closed loop's input was replaced by what the reference explains, (N,)."""
+    if given.reference is None:
+        return ()
+    whole = float(share(u[None], given.resampled(Ts).u)[0])
+    return (
+        f"Recorded in a closed loop: the reference explains {whole:.1%} of the input, which was "
+        "used in its place.",
+    )
 
 
 def unfollowed(left_over: float) -> tuple[str, ...]:

@@ -6,6 +6,12 @@ from yawrate_env.plant.names import check_name
 from yawrate_env.plant.plant import Plant
 
 _HOPELESS = 30.0  # times the spread that needs no care: no advice of this kind helps
+_BESIDE = ("feedback", "implausible", "noise", "unsolved")
+
+
+def looped(checks: tuple[Check, ...]) -> bool:
+    """Whether a recording was found to be one in a closed loop."""
+    return any(check.name == "feedback" and not check.passed for check in checks)
 
 
 def reasons(
@@ -15,6 +21,8 @@ def reasons(
     why = why if rung > Rung.FITTED_PLANT else ()
     explained = {"misfit", "outside", *(check_name(name, "contrast") for name in plant.counted)}
     failed = [c for c in checks if not c.passed]
+    if looped(checks):  # which explains what else is odd
+        failed = [c for c in failed if c.name in _BESIDE]
     spreads = [check_name(name, "spread") for name in plant.counted]
     if plant.loop_target is not None and any(
         c.name in spreads and c.verdict is Verdict.REFUSE for c in failed

@@ -40,6 +40,9 @@ class Recording:
         Samples for each independent one: above 1 where samples were interpolated.
     variation : float
         Largest relative peak-to-peak variation of a measured parameter.
+    reference : NDArray or None
+        (1, N) or (B, N) references of the loop in which the episodes were recorded, in the
+        output's unit; None where there was none, or where it is not known.
     """
 
     u: Array
@@ -48,6 +51,7 @@ class Recording:
     known: Array | None = None
     oversampled: float = 1.0
     variation: float = 0.0
+    reference: Array | None = None
 
     def __post_init__(self) -> None:
         u, y = np.shape(self.u), np.shape(self.y)
@@ -55,6 +59,11 @@ class Recording:
             raise ValueError(
                 f"u and y have shapes {u} and {y}, not (1, N) or (B, N) and (B, N). Give arrays "
                 "(N,) to Recording.of(plant, u, y, Ts)."
+            )
+        if self.reference is not None and np.shape(self.reference) not in (y, (1, y[1])):
+            raise ValueError(
+                f"reference has shape {np.shape(self.reference)}, not {(1, y[1])} or {y}. Give one "
+                "value for each sample."
             )
 
     @classmethod
@@ -65,6 +74,7 @@ class Recording:
         y: ArrayLike,
         Ts: float | None = None,
         measured: Mapping[str, ArrayLike | None] | None = None,
+        reference: ArrayLike | None = None,
     ) -> Self:
         """One episode of a plant from arrays (N,), checked.
 
@@ -74,6 +84,8 @@ class Recording:
             Sampling time [s]; the plant's if omitted.
         measured : dict, optional
             Measured parameters to one value, or one a sample, whose mean counts.
+        reference : (N,), optional
+            Reference of the loop in which it was recorded, in the output's unit.
 
         Raises
         ------
@@ -90,7 +102,8 @@ class Recording:
         validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
         given = {name: value for name, value in (measured or {}).items() if value is not None}
         known, variation = _measured(plant, given, len(output))
-        return cls(input[None], output[None], float(Ts), known, variation=variation)
+        wanted = None if reference is None else _signal("reference", reference)[None]
+        return cls(input[None], output[None], float(Ts), known, 1.0, variation, wanted)
 
     @classmethod
     def of_observations(cls, plant: Plant, obs: ArrayLike) -> tuple[Self, bool]:
@@ -136,7 +149,10 @@ class Recording:
         """Some of the episodes."""
         u = self.u if len(self.u) == 1 else self.u[index]
         known = None if self.known is None else self.known[index]
-        return replace(self, u=u, y=self.y[index], known=known)
+        reference = self.reference
+        if reference is not None and len(reference) > 1:
+            reference = reference[index]
+        return replace(self, u=u, y=self.y[index], known=known, reference=reference)
 
     def resampled(self, Ts: float) -> "Recording":
         """The same episodes sampled at another `Ts` [s].
@@ -158,6 +174,7 @@ class Recording:
         return replace(
             self,
             u=self.u[:, held],
+            reference=None if self.reference is None else self.reference[:, held],
             y=np.ascontiguousarray(y),
             Ts=Ts,
             oversampled=max(self.oversampled, self.Ts / Ts),

@@ -13,6 +13,8 @@ from tuners.features.laguerre import Laguerre
 from tuners.trust import fallback
 from tuners.trust.black_box import black_box, functions_for, left_over
 from tuners.trust.checks import Assessment, assess
+from tuners.trust.feedback import opened, projected_on
+from tuners.trust.findings import Findings
 from tuners.trust.fit import fit
 from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.response import Response
@@ -20,7 +22,7 @@ from tuners.trust.verdict import Finding, worst
 from tuners.tuner import notes, tuner_file
 from tuners.tuner.ladder import Climb, climb, left
 from tuners.tuner.method import Gains, Method, Rung
-from tuners.tuner.reasons import reasons
+from tuners.tuner.reasons import looped, reasons
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
 from yawrate_env import validation
@@ -94,6 +96,7 @@ class Tuner:
         Ts: float | None = None,
         measured: Mapping[str, ArrayLike] | None = None,
         start: str = "auto",
+        reference: ArrayLike | None = None,
         **parameters: ArrayLike | None,
     ) -> Result:
         """Tune from one recording, and check with it whether to trust the gains.
@@ -112,6 +115,9 @@ class Tuner:
             output is an unknown constant, or in motion, in which case initial state, offset and
             trend are estimated too; found from the data if "auto".
             For plants whose responses do not add up the data cannot say, and rest is assumed.
+        reference : (N,), optional
+            Reference of the loop in which it was recorded, in the output's unit: what it explains
+            of the input then takes the input's place (`tuners.trust.feedback`).
         **parameters
             Measured parameters by name, as in ``v_x=18.0``.
 
@@ -125,7 +131,7 @@ class Tuner:
             raise ValueError(f"measured = {measured!r} is not a dict. Give {{name: value}}.")
         if twice := sorted(measured.keys() & parameters.keys()):
             raise ValueError(f"{twice[0]} is given twice. Leave out one of the two.")
-        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters})
+        given = Recording.of(self.plant, u, y, Ts, {**measured, **parameters}, reference)
         return self.results(given, start)[0]
 
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
@@ -146,7 +152,8 @@ class Tuner:
         plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
         alone = climbed.rung[i] >= Rung.BLACK_BOX
-        why = left(self.plant, climbed, found, i) if Rung.FITTED_PLANT in self.method.rungs else ()
+        explained = Rung.FITTED_PLANT in self.method.rungs and not looped(checks)
+        why = left(self.plant, climbed, found, i) if explained else ()
         return Result(
             gains=self._named(gains.values[i]),
             intervals=_intervals(plant, found.metrics[i], found.spread[i], self.calibration),
@@ -159,7 +166,8 @@ class Tuner:
             rung=Rung(climbed.rung[i]),
             left=why,
             reasons=reasons(plant, checks, why, Rung(climbed.rung[i])),
-            notes=notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
+            notes=notes.projected(given, found.model.u[i % len(found.model.u)], found.model.Ts)
+            + notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
             + notes.unfollowed(self._left_over)
             + notes.slow_integral(plant, gains.values[i], given.y.shape[1] * given.Ts),
             fallback=self._named(self.fallback),
@@ -188,7 +196,7 @@ class Tuner:
                           remedy=remedy)  # fmt: skip
         alone = method.rungs == (Rung.BLACK_BOX,)
         theta = recording.parameters(plant, needed=not alone)
-        used = recording.resampled(plant.Ts)
+        used = self._opened(recording, theta, start)
         model = black_box(plant, self.black_box, used.u, used.y, start, used.oversampled)
         own = self.gains(replace(used, y=model.y))
         still = self._still(used) if method.needs_excitation else np.zeros(len(used), np.bool_)
@@ -201,7 +209,20 @@ class Tuner:
             plant, model, fitted, response, used.y, climbed.judged, theta,
             anywhere=method.any_measured, alone=alone,
         )  # fmt: skip
-        return climbed, assessment
+        given = recording.u, recording.y, recording.Ts, recording.reference
+        looped = Findings(plant, None).of_feedback(self.black_box, *given)
+        return climbed, assessment.followed_by(looped)
+
+    def _opened(self, recording: Recording, theta: Array, start: str) -> Recording:
+        """Recordings at the plant's sampling time, those in a loop as if there were none."""
+        plant, used = self.plant, recording.resampled(self.plant.Ts)
+        if recording.reference is None:
+            return used
+        inputs = np.broadcast_to(recording.u, recording.y.shape)
+        explained = projected_on(recording.reference, inputs, recording.Ts, self.black_box)
+        u = replace(recording, u=explained).resampled(plant.Ts).u
+        y = opened(plant, self.black_box, u, used.u, used.y, theta, start, used.oversampled)
+        return replace(used, u=u, y=y, reference=None)
 
     def predict(
         self,

@@ -1,0 +1,80 @@
+"""Whether a signal answers the output, as the input does in a closed loop.
+
+In an open loop what is new in the output, which no earlier sample of either channel foretells,
+has nothing to do with what is new in the input at that sample or later.  A controller answers it at
+once.  Both are whitened, the output's part that the earlier input does not explain and the input
+itself, by autoregressive filters; their correlation times the root of their length is then a
+standard normal number in an open loop, whatever the input (Haugh, JASA 71, 1976; Ljung, System
+Identification, 1999, section 13.5, on residuals and future inputs).
+
+Feedback that stabilises answers against the plant's sign.  Where a log has the input late, the
+output seems to come before it, with the plant's sign, and that is not taken for feedback.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+from tuners.features.laguerre import Laguerre
+
+Array = NDArray[np.float64]
+
+_FUNCTIONS, _OF_RESIDUAL, _OF_INPUT = 16, 10, 3  # orders of the models
+_LAGS = 3  # samples by which a log may have the input later than the controller gave it
+_OUTLIERS = 4.0  # standard deviations: steps of the reference are no noise
+_STEPS = 1e-3  # of the standard deviation: an input that hardly changes but in steps
+
+
+def answers(asked: Array, u: Array, y: Array, Ts: float, functions: Laguerre) -> Array:
+    """Correlations (B, 3) of what is new in outputs with what is new in signals soon after.
+
+    In standard deviations, at the same sample and the two that follow.
+
+    Parameters
+    ----------
+    asked : (1 or B, N) float64
+        Signals that may answer: the inputs, or references.
+    u, y : (1 or B, N) and (B, N) float64
+        Inputs and measured outputs.
+    Ts : float
+        Sampling time [s], of the controller or about it.
+    functions : Laguerre
+        Whose pole the plant's model has.
+    """
+    N = y.shape[1]
+    basis = replace(functions, order=max(min(_FUNCTIONS, N // 10), 1))
+    known = np.stack([np.ones(N), np.linspace(-1.0, 1.0, N)])
+    found = np.zeros((len(y), _LAGS))
+    for i, row in enumerate(y):
+        if i == 0 or len(u) > 1:
+            phi = basis.regressors(u[i : i + 1], Ts)[0]
+            Q, _ = np.linalg.qr(np.concatenate([phi, known]).T)
+        own = asked[i % len(asked)]
+        new = _new(own - own.mean(), _OF_INPUT)
+        residual = _new(row - Q @ (Q.T @ row), _OF_RESIDUAL)
+        new = new[-len(residual) :]
+        found[i] = [_correlation(residual[: len(residual) - j], new[j:]) for j in range(_LAGS)]
+    return found
+
+
+def _new(x: Array, order: int) -> Array:
+    """What an autoregressive model of a signal (N,) does not foretell, without outliers."""
+    r = np.array([x[: len(x) - k] @ x[k:] for k in range(order + 1)])
+    if not r[0] > 0:
+        return np.zeros(len(x) - order)
+    r[0] *= 1 + 1e-8
+    weights = np.concatenate([[1.0], -solve_toeplitz(r[:order], r[1:])])
+    new = np.asarray(lfilter(weights, [1.0], x)[order:])
+    size = float(np.median(np.abs(new))) / 0.6745
+    if size > _STEPS * new.std():
+        new = np.clip(new, -_OUTLIERS * size, _OUTLIERS * size)
+    return new
+
+
+def _correlation(a: Array, b: Array) -> float:
+    """Of two white signals, in its standard deviations if they are independent."""
+    size = np.sqrt((a @ a) * (b @ b) / len(a))
+    return float(a @ b / size) if size > 0 else 0.0
