@@ -159,9 +159,18 @@ class Bound:
 
 @dataclass(slots=True, eq=False)
 class TunedAlone(Never):
-    """A tuner's answer to the last window; the gains stay where it has none, or refuses."""
+    """A tuner's answer to the last window; the gains stay where it has none, or refuses.
+
+    Parameters
+    ----------
+    referenced : bool
+        Whether it is told the loop's reference.
+    heeded : bool
+        Whether gains that it refuses are left out.
+    """
 
     tuner: Tuner
+    referenced: bool
     heeded: bool
     found: Array | None = None
 
@@ -174,7 +183,9 @@ class TunedAlone(Never):
         plant = self.tuner.plant
         known = np.full((len(driven), len(plant.prior)), np.nan)
         known[:, plant.indices(("v_x",))] = driven.theta[:, 2:]
-        recording = Recording(driven.u, driven.y, self.drives.target.Ts, known)
+        reference = driven.reference if self.referenced else None
+        Ts = self.drives.target.Ts
+        recording = Recording(driven.u, driven.y, Ts, known, reference=reference)
         with np.errstate(all="ignore"):
             answer, assessment = self.tuner.assess(recording)
         usable = np.asarray(np.isfinite(answer.values).all(axis=1))
@@ -232,8 +243,12 @@ def trials(drives: Drives, start: Course, tuners: Mapping[str, Tuner]) -> dict[s
     """Tuners on every window alone."""
     rungs: dict[str, Rung] = {}
     for name, tuner in tuners.items():
-        rungs[f"`{name}` on every window"] = TunedAlone(drives, start, tuner, False)
-        rungs[f"`{name}` unless it refuses"] = TunedAlone(drives, start, tuner, True)
+        for way, *how in (
+            ("on every window", False, False),
+            ("with the reference", True, False),
+            ("with the reference, unless it refuses", True, True),
+        ):
+            rungs[f"`{name}` {way}"] = TunedAlone(drives, start, tuner, *how)
     return rungs
 
 

@@ -22,10 +22,9 @@ the gains at the start scheduled over speed.  What it cannot have is `one window
 seen after the window it happened in.
 
 **Why a tuner on every window alone is worse than never.** A window has one manoeuvre of less than 5
-s where identification has 10 s of pseudo-random steering, and the loop is closed: `bb` and
-`ts-ff-lag-vx` take command and yaw rate as an open-loop experiment, in which the disturbance's
-feedback looks like the vehicle, and nothing that earlier windows told is kept. They know it, and
-refuse almost always: with refusals heeded the gains hardly ever change, which is never re-tuning.
+s where identification has 10 s of pseudo-random steering, and nothing that earlier windows told is
+kept; without the reference the loop's feedback looks like the vehicle, too. The tuners know it, and
+refuse: with refusals heeded gains hardly change, which is never re-tuning on these drives.
 `every window alone, with the prior` reads the same windows by prediction errors, which feedback
 does not bias, and helps itself with the prior: above never, below the filter, since it forgets.
 

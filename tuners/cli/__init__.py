@@ -16,7 +16,9 @@ except ImportError:
 import yawrate_env
 from tuners.cli.arguments import example
 
-COMMANDS = ("tune", "train", "excite", "export", "init", "dataset", "completion")
+COMMANDS = (
+    "tune", "check", "watch", "train", "excite", "export", "init", "dataset", "completion",
+)  # fmt: skip
 
 
 class Commands(click.Group):

@@ -1,6 +1,6 @@
 """Follow cars' friction and load from window to window, and the gains that suit them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -52,9 +52,17 @@ class Follower:
         covariance[:, 1, 1] = prior.variance[1]
         return Belief(mean, covariance, np.zeros(len(belief)))
 
-    def followed(self, belief: Belief, estimate: Estimate) -> Belief:
-        """Beliefs after one more window."""
+    def followed(self, belief: Belief, estimate: Estimate, gap: float | None = None) -> Belief:
+        """Beliefs after one more window.
+
+        Parameters
+        ----------
+        gap : float, optional
+            Time since the window before [s]; a window's length if omitted.
+        """
         prior, conditions = self.drives.estimator.prior, self.drives.conditions
+        if gap is not None:
+            conditions = replace(conditions, window=max(gap, conditions.Ts))
         walk = np.zeros((len(belief), COORDINATES))
         walk[:, 0] = (conditions.walk_rms[0] / np.exp(belief.mean[:, 0])) ** 2
         motion = Motion(walk, conditions.jump_probability, 0, prior.mean[0], prior.variance[0])
