@@ -243,12 +243,12 @@ def trials(drives: Drives, start: Course, tuners: Mapping[str, Tuner]) -> dict[s
     """Tuners on every window alone."""
     rungs: dict[str, Rung] = {}
     for name, tuner in tuners.items():
-        for way, *how in (
+        for way, referenced, heeded in (
             ("on every window", False, False),
             ("with the reference", True, False),
             ("with the reference, unless it refuses", True, True),
         ):
-            rungs[f"`{name}` {way}"] = TunedAlone(drives, start, tuner, *how)
+            rungs[f"`{name}` {way}"] = TunedAlone(drives, start, tuner, referenced, heeded)
     return rungs
 
 
