@@ -14,7 +14,18 @@ import yawrate_env
 FILES = sorted(p for name in ("yawrate_env", "tuners") for p in (ROOT / name).rglob("*.py"))
 FLOORS = {
     "yawrate_env": ("signals", "loop", "plant", "plants", "vehicle", "env"),
-    "tuners": ("features", "learners", "trust", "tuner", "agents", "data", "logs", "export", "cli"),
+    "tuners": (
+        "features",
+        "learners",
+        "trust",
+        "tuner",
+        "recalibration",
+        "agents",
+        "data",
+        "logs",
+        "export",
+        "cli",
+    ),
 }
 METHOD = "features", "learners", "trust", "tuner"
 HEAVY = {"matplotlib", "control", "pandas", "pint", "msgspec"}
@@ -134,6 +145,7 @@ def test_import_registers_every_environment_once():
         "yawrate/PITuningFeatures-v0",
         "yawrate/Plant-v0",
         "yawrate/PlantFeatures-v0",
+        "yawrate/PIRecalibration-v0",
     }
 
 

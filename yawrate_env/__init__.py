@@ -1,7 +1,8 @@
 """Tune a yaw-rate controller from one recorded episode: a Gymnasium environment.
 
 ``import yawrate_env`` registers ``yawrate/PITuning-v0``, the same on a nonlinear vehicle as
-``yawrate/PITuningNonlinear-v0``, any plant of one's own as ``yawrate/Plant-v0``, and, ready
+``yawrate/PITuningNonlinear-v0``, re-calibration while friction changes as
+``yawrate/PIRecalibration-v0``, any plant of one's own as ``yawrate/Plant-v0``, and, ready
 to train on, ``yawrate/PITuningFeatures-v0`` and ``yawrate/PlantFeatures-v0``, which are in
 `tuners`.  Entry points are strings, so that the import itself stays light.
 
@@ -17,8 +18,10 @@ NONLINEAR_ID = "yawrate/PITuningNonlinear-v0"
 FEATURES_ID = "yawrate/PITuningFeatures-v0"
 PLANT_ID = "yawrate/Plant-v0"
 PLANT_FEATURES_ID = "yawrate/PlantFeatures-v0"
+RECALIBRATION_ID = "yawrate/PIRecalibration-v0"
 
 _VEHICLE, _FEATURES = "yawrate_env.env.yaw_rate_env", "tuners.agents.wrappers"
+_RECALIBRATION = "yawrate_env.env.recalibration_env"
 
 _ENTRY_POINTS = {
     ENV_ID: (f"{_VEHICLE}:PITuningEnv", f"{_VEHICLE}:PITuningVectorEnv"),
@@ -31,6 +34,10 @@ _ENTRY_POINTS = {
     PLANT_FEATURES_ID: (
         f"{_FEATURES}:plant_features_env",
         f"{_FEATURES}:plant_features_vector_env",
+    ),
+    RECALIBRATION_ID: (
+        f"{_RECALIBRATION}:PIRecalibrationEnv",
+        f"{_RECALIBRATION}:PIRecalibrationVectorEnv",
     ),
 }
 

@@ -19,6 +19,8 @@ from tuners.cli.arguments import example
 COMMANDS = {
     "tune": "Tune a controller from a LOG of a plant's input and output.",
     "schedule": "Make a table of gains over speed from LOGs of one plant.",
+    "check": "Check the margins that gains achieve, from a LOG of a drive with them.",
+    "watch": "Follow one car through its LOGS, files or folders of them, in time order.",
     "train": "Train a tuner for a vehicle or another plant, and print its accuracy.",
     "excite": "Write the input signal of the experiment.",
     "export": "Write a controller, or a tuner, for another program.",

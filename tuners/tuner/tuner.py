@@ -338,6 +338,19 @@ class Tuner:
         response = None if target is None else Response.of(model, target)
         return Look(recording, used, theta, model, own, still, fitted, response)
 
+    def response(self, recording: Recording, start: str = "auto") -> Response:
+        """What recordings alone show of the plant around the target's crossover.
+
+        ``ValueError`` where the plant's target is no phase margin and crossover of a PI.
+        """
+        plant, target = self.plant, self.plant.loop_target
+        if target is None:
+            raise ValueError("plant.parametrisation: this plant's target is no loop of a PI.")
+        used = self._opened(recording, recording.parameters(plant, needed=False), start)
+        return Response.of(
+            black_box(plant, self.black_box, used.u, used.y, start, used.oversampled), target
+        )
+
     def _opened(self, recording: Recording, theta: Array, start: str) -> Recording:
         """Recordings at the plant's sampling time, those in a loop as if there were none."""
         plant, used = self.plant, recording.resampled(self.plant.Ts)

@@ -1,0 +1,52 @@
+"""Keep gains right while friction walks and jumps: who does how well, beside the bound.
+
+python scripts/recalibration.py               # results/recalibration.*, about ten minutes
+python scripts/recalibration.py --speed       # measures the environment's speed again, nothing else
+"""
+
+import json
+from pathlib import Path
+
+import click
+
+from studies import recalibration, recalibration_page
+from studies.program import FOLDER, counted, program, seed
+from tuners.cli.progress import Bars
+from yawrate_env.files import write_text
+
+
+@program(__doc__)
+@counted("--drives", 400, "Of 50 windows each; a quarter of them under each fault.")
+@counted("--tuned", 20, "Drives on which tuners answer every window.")
+@click.option("--tuner", "names", multiple=True, default=("bb", "ts-ff-lag-vx"), help="Tuners.")
+@seed(help="Of the drives.")
+@counted("--batch", 256, "Drives in the environment whose speed is measured.")
+@counted("--rounds", 30, "Of timing.")
+@click.option("--speed", "timing", is_flag=True, help="Measure speed alone.")
+@click.option("--results", type=FOLDER, default=Path("results"), help="Folder to write to.")
+def main(
+    drives: int,
+    tuned: int,
+    names: tuple[str, ...],
+    seed: int,
+    batch: int,
+    rounds: int,
+    timing: bool,
+    results: Path,
+) -> None:
+    results.mkdir(parents=True, exist_ok=True)
+    stored = results / "recalibration.json"
+    with Bars() as bars:
+        if timing:
+            found = json.loads(stored.read_text())
+        else:
+            found = recalibration.study(drives, tuned, seed, names, bars)
+    found["speed"] = recalibration.speed(batch, rounds)
+    write_text(stored, json.dumps(found, indent=1, allow_nan=False) + "\n")
+    page = recalibration_page.page(found)
+    write_text(results / "recalibration.md", page)
+    print(page)
+
+
+if __name__ == "__main__":
+    main()
