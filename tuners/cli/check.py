@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from tuners.catalogue import load
 from tuners.cli.arguments import NONZERO, NUMBER, POSITIVE, READABLE, example, vehicle_option
 from tuners.cli.drives import drives_of, task_of, whole
+from tuners.cli.log_files import recordings
 from tuners.cli.log_options import log_options
 from tuners.logs import Log, Options, SelectionError, read_log
 from tuners.recalibration.achieved import Achieved, Agreement, achieved
 from tuners.recalibration.watch import Watch
-from tuners.tuner.recording import Recording
 from yawrate_env.plant.entry import from_toml
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -70,7 +70,7 @@ def command(
         drive = read_log(log, plant, whole(options))
     except SelectionError as error:
         raise click.UsageError(str(error)) from None
-    recording = Recording.of(plant, drive.u, drive.y, drive.Ts, drive.measured, drive.reference)
+    (recording,) = recordings(plant, [drive])
     given = zip(plant.counted, (phase_margin, crossover), strict=True)
     promised = {name: value for name, value in given if value is not None}
     modelled = None if task is None else _modelled(task, drive, (kp, Ti))

@@ -261,10 +261,10 @@ class PIRecalibrationVectorEnv(TuningVectorEnv):
                 final_obs[i] = obs[i]
             told |= {"final_obs": final_obs, "_final_obs": ended.copy(),
                      "final_info": _told(info, ended), "_final_info": ended.copy()}  # fmt: skip
-            self._renew(ended, {})
+            return self._renew(ended, {}), reward, terminated, truncated, told
         return self._obs.copy(), reward, terminated, truncated, told
 
-    def _renew(self, mask: Flags, pins: Mapping[str, Array]) -> None:
+    def _renew(self, mask: Flags, pins: Mapping[str, Array]) -> Observation:
         generators, rows = self._own_generators(), np.flatnonzero(mask)
         drawn = np.stack([generators[i].bit_generator.random_raw(_RESET) for i in rows])
         pinned = {name: values[rows] for name, values in pins.items()}
@@ -278,6 +278,7 @@ class PIRecalibrationVectorEnv(TuningVectorEnv):
             self._obs[rows] = obs
         self._theta = self._course.theta  # that there has been a reset
         self._left[rows] = self.drives.windows
+        return self._obs.copy()
 
 
 def _begun(

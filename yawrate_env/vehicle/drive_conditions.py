@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from yawrate_env import validation
 from yawrate_env.compiled import kernel
-from yawrate_env.plant.parameters import Range
+from yawrate_env.plant.distributions import Range
 from yawrate_env.signals.noise import KEY_WORDS, standard_normal
 from yawrate_env.signals.streams import uniform
 from yawrate_env.vehicle.manoeuvre import lane_change, step
