@@ -3,8 +3,8 @@
 A gated recurrent unit (Cho et al., 2014) reads the environment's observations window by window
 and gives the gains' two coordinates.  The simulator is the teacher: targets are the coordinates
 that the design rule has for the vehicle of the window to come, and the loss is the margins'
-distance, smoothed at its foot.  It sees what every agent sees, and nothing of the walk, the noise or the rule
-but through drives.
+distance, smoothed at its foot.  It sees what every agent sees, and nothing of the walk, the noise
+or the rule but through drives.
 """
 
 from dataclasses import dataclass

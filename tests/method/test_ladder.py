@@ -184,3 +184,27 @@ def test_no_episodes_are_refused():
     _, _, recording = drives()
     with pytest.raises(ValueError, match="number of episodes"):
         TUNER.results(recording.part(slice(0, 0)))
+
+
+def test_a_contradiction_that_is_too_weak_or_disturbed_is_refused():
+    changed = replace(Vehicle(), C_r=0.7 * Vehicle().C_r)
+    weak = yaw_rate(Task(vehicle=changed, experiment=Experiment(N=3000, snr_db=12.0)))
+    block = recorded(weak, "test", 0, COUNT)
+    found = TUNER.assess(Recording(block.u, block.y, weak.Ts))[1]
+    vague = found.findings["vague"].values > found.findings["vague"].limit
+    assert vague.mean() > 0.3 and (found.verdicts[vague] == 2).all()
+    _, _, recording = drives(C_r=0.7)
+    t = 0.001 * np.arange(recording.y.shape[1])
+    tone = 0.1 * recording.y.std(axis=1, keepdims=True) * np.sin(2 * np.pi * 1.5 * t)
+    found = TUNER.assess(replace(recording, y=recording.y + tone))[1]
+    contrast = found.findings["phase_margin_contrast"]
+    assert (found.verdicts[contrast.values > contrast.limit] == 2).mean() > 0.9
+    assert (contrast.values > contrast.limit).mean() > 0.5
+
+
+def test_recordings_without_noise_are_usable_from_rest_and_in_motion():
+    theta, _, recording = drives()
+    clean = PLANT.respond(theta, recording.u)
+    for first in (0, 2000):
+        cut = replace(recording, u=recording.u[:, first:], y=np.ascontiguousarray(clean[:, first:]))
+        assert (TUNER.assess(cut)[1].verdicts == 0).all()

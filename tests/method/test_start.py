@@ -8,6 +8,7 @@ from families import FAMILIES, LINEAR, trained
 from families import tested as recordings
 from first_order import CROSSOVER, TS, described
 from recordings import recorded as drives
+from scipy.signal import lfilter
 
 from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import black_box, free_responses
@@ -117,7 +118,7 @@ def test_resampling_keeps_inputs_and_follows_the_output():
     coarse = replace(rest, u=rest.u[:, ::10], y=clean[:, ::10], Ts=10 * rest.Ts)
     fine = coarse.resampled(rest.Ts)
     N = fine.y.shape[1]
-    assert fine.Ts == rest.Ts and fine.oversampled == pytest.approx(10) and N == 9991
+    assert fine.Ts == rest.Ts and fine.oversampled == pytest.approx(10 / 0.873) and N == 9991
     np.testing.assert_array_equal(fine.u, rest.u[:, :N])
     error = np.sqrt(((fine.y - clean[:, :N]) ** 2).mean()) / np.sqrt((clean**2).mean())
     assert error < 2e-4
@@ -138,3 +139,25 @@ def test_tuners_of_linear_plants_find_the_start_and_others_are_told_of_it():
     assert blind.assess(moving, start="unknown")[1].trusted.mean() > 0.9
     found = tuner.assess(Recording(block.u, block.y, TS))[1]
     assert not found.model.unknown.any() and found.trusted.all()
+
+
+def test_a_start_takes_no_more_than_it_needs():
+    plant = yaw_rate(Task(experiment=Experiment(snr_db=14.0, register="random")))
+    block = recorded(plant, "test", 0, 32)
+    model = black_box(plant, FUNCTIONS, block.u[:, 1000:6000], block.y[:, 1000:6000], "auto")
+    assert model.unknown.all() and (model.extra < FUNCTIONS.order).mean() > 0.9
+
+
+@pytest.mark.parametrize("memory", [0.03, 0.3])
+def test_coloured_noise_is_no_trend_and_no_start(memory):
+    plant = yaw_rate(Task())
+    block = recorded(plant, "test", 0, 24)
+    a = np.exp(-plant.Ts / memory)
+    white = np.random.default_rng(3).standard_normal((24, block.y.shape[1] + 3000))
+    gusts = lfilter([np.sqrt(1 - a * a)], [1, -a], white, axis=1)[:, 3000:]
+    noise = 0.05 * block.y.std(axis=1, keepdims=True) * gusts
+    rest = black_box(plant, FUNCTIONS, block.u, block.y + noise, "auto")
+    assert rest.unknown.mean() < 0.25
+    late = np.ascontiguousarray((block.y + noise)[:, 2000:])
+    moving = black_box(plant, FUNCTIONS, block.u[:, 2000:], late, "auto")
+    assert moving.unknown.mean() > 0.8

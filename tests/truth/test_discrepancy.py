@@ -189,3 +189,38 @@ def test_recordings_may_be_shorter_than_the_experiment():
     assert found.verdict == Verdict.USABLE
     with pytest.raises(ValueError, match="99 samples are too few"):
         gray.tune(U[:99], y[:99])
+
+
+def heated(theta, u, rng=None):
+    """Outputs (N,) of K/(T s + 1) with a dead time L of any length, sampled every second."""
+    K, T, L = theta
+    a, whole = np.exp(-1 / T), int(max(L, 0.0))
+    share = np.exp(-(1 - (max(L, 0.0) - whole)) / T)
+    late = np.concatenate([np.zeros(whole), u])[: len(u)]
+    return K * lfilter([0, 1 - share, share - a], [1, -a], late)
+
+
+def simc(theta):
+    """Skogestad's rule with the closed loop as fast as the dead time."""
+    K, T, L = theta
+    return T / (K * 2 * L), min(T, 8 * L)
+
+
+def test_a_heater_that_is_not_quite_first_order_is_usable_with_care():
+    """Steps from rest, a second lag, another heater's drift: what real devices do."""
+    N = 600
+    u = np.repeat([0.0, 70.0, 20.0, 50.0], [10, 240, 200, 150])
+    plant = Plant(
+        prior={"K": (0.3, 1.5), "T": (60.0, 400.0), "L": (0.0, 30.0)}, linear=True,
+        simulate=heated, design=simc, gains=("kp", "Ti"), batched=False, u=u, Ts=1.0, noise=0.1,
+    )  # fmt: skip
+    truth = 0.6, 180.0, 8.0
+    noise = 0.1 * np.random.default_rng(2).standard_normal(N)
+    slow = 21.0 + lfilter([1 / 4], [1, -3 / 4], heated(truth, u))
+    tuner, right = tuners.load("gb", plant), np.array(simc((0.6, 180.0, 11.0)))  # lag and all
+    for size, verdict in ((0.0, Verdict.USABLE), (0.6, Verdict.USABLE_WITH_CARE)):
+        found = tuner.tune(u, slow + size * np.sin(np.arange(N) / 90) + noise)
+        assert found.verdict is verdict
+        assert np.abs(np.array([*found.gains.values()]) / right - 1).max() < 0.25
+    moves = np.where(np.arange(N) > 300, 0.75, 1.0)  # the heater's gain at another place
+    assert tuner.tune(u, 21.0 + moves * heated(truth, u) + noise).verdict is Verdict.REFUSE

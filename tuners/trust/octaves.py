@@ -8,6 +8,7 @@ Array = NDArray[np.float64]
 
 _COLOURED = 3.0  # standard deviations of a band's power that count as colour
 _LOWEST = 2  # bands begin with four frequencies
+_FEW = 2.0  # times the lowest band's power: what its few frequencies may hide at none
 
 
 def octaves(power: Array, q: int, noise: Array) -> Array:
@@ -30,6 +31,8 @@ def octaves(power: Array, q: int, noise: Array) -> Array:
 def along(signals: Array, error: Array, noise: Array) -> Array:
     """Power (B,) of noise with residuals (B, N) along orthonormal signals (m, N), at least white's.
 
+    Where it is more, as much more as a band of few frequencies leaves possible.
+
     Parameters
     ----------
     noise : (B,) float64
@@ -39,4 +42,5 @@ def along(signals: Array, error: Array, noise: Array) -> Array:
     length = next_fast_len(N, real=True)
     spectra = octaves(np.abs(np.fft.rfft(error, length)) ** 2 / N, len(signals), noise)
     weights = (np.abs(np.fft.rfft(signals, length)) ** 2).sum(axis=0)
-    return np.asarray(np.maximum(spectra @ weights / weights.sum(), noise))
+    found = spectra @ weights / weights.sum()
+    return np.asarray(np.where(found > noise, _FEW * found, noise))

@@ -20,6 +20,7 @@ STEADY, UNSTEADY = 0.05, 0.25
 """Variation of a measured parameter over its mean (or the prior's range, where that contains zero)
 that is noted, and that is refused."""
 
+_SPLINE = 0.873  # variance of white noise after interpolation by cubic splines
 _LARGEST = 1e6  # in any unit: values that can be squared
 
 
@@ -188,7 +189,7 @@ class Recording:
             reference=None if self.reference is None else self._held(self.reference, at, Ts),
             y=np.ascontiguousarray(y),
             Ts=Ts,
-            oversampled=max(self.oversampled, self.Ts / Ts),
+            oversampled=max(self.oversampled, self.Ts / Ts / (_SPLINE if self.Ts > Ts else 1.0)),
             input="held",
         )
 
