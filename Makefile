@@ -84,6 +84,8 @@ robustness: $(STAMP) ## results/robustness.md: who breaks where; ten minutes
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"
 	@$(BIN)/python scripts/benchmark.py
+	@$(BIN)/python scripts/reproduce_paper.py
+	@cp runs/fig7.png figures/fig7.png
 	@echo "==> scripts/dataset_scale.py"
 	@$(BIN)/python scripts/dataset_scale.py --fresh
 
