@@ -60,7 +60,7 @@ results: reproduce accuracy robustness ## everything in results/: also five seed
 	@echo "==> scripts/compare_rl.py (half an hour; trained agents in runs/rl are found again)"
 	@$(BIN)/python scripts/compare_rl.py
 	@echo "==> scripts/nonlinear_twin.py"
-	@$(BIN)/python scripts/nonlinear_twin.py
+	@$(BIN)/python scripts/nonlinear_twin.py --page docs/nonlinear.md
 	@for plant in dc_motor two_tanks; do \
 		echo "==> scripts/compare_plant.py $$plant"; \
 		$(BIN)/python scripts/compare_plant.py examples/plants/$$plant.py || exit 1; \
