@@ -60,7 +60,7 @@ results: reproduce accuracy robustness ## everything in results/: also five seed
 	@echo "==> scripts/compare_rl.py (half an hour; trained agents in runs/rl are found again)"
 	@$(BIN)/python scripts/compare_rl.py
 	@echo "==> scripts/nonlinear_twin.py"
-	@$(BIN)/python scripts/nonlinear_twin.py
+	@$(BIN)/python scripts/nonlinear_twin.py --page docs/nonlinear.md
 	@for plant in dc_motor two_tanks; do \
 		echo "==> scripts/compare_plant.py $$plant"; \
 		$(BIN)/python scripts/compare_plant.py examples/plants/$$plant.py || exit 1; \
@@ -84,11 +84,14 @@ robustness: $(STAMP) ## results/robustness.md: who breaks where; ten minutes
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"
 	@$(BIN)/python scripts/benchmark.py
+	@$(BIN)/python scripts/reproduce_paper.py
+	@cp runs/fig7.png figures/fig7.png
 	@echo "==> scripts/dataset_scale.py"
 	@$(BIN)/python scripts/dataset_scale.py --fresh
 
 models: $(STAMP) ## retrain the tuners that the package ships
-	@for name in ts-gbm ts-ff ts-gbm-gains ts-ff-gains ts-gbm-lag ts-ff-lag ts-ff-lag-vx rl; do \
+	@for name in ts-gbm ts-ff ts-gbm-gains ts-ff-gains ts-gbm-lag ts-ff-lag ts-ff-lag-vx ts-ff-any \
+		rl; do \
 		$(BIN)/python scripts/train.py $$name --out tuners/models/$$name.tuner || exit 1; \
 	done
 

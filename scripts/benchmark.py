@@ -3,6 +3,7 @@
 python scripts/benchmark.py
 python scripts/benchmark.py --batch 256 --rounds 3 --largest 1e4 --training 0
 
+Tables are kept by machine: those of this one are replaced, those of others stay.
 pysib and sippy_unipi take part where they are installed (the extra "benchmark").
 """
 
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import click
 
-from benchmarks import page, stages, stopwatch
+from benchmarks import page, stages, stopwatch, throughput
 from studies import plots
 from studies.program import counted, folders, program
 from tuners.cli.progress import Bars
@@ -29,20 +30,24 @@ def main(
 ) -> None:
     with Bars() as bars:
         result = {
-            "machine": stopwatch.machine(),
+            "commit": stopwatch.commit(),
             "versions": stopwatch.versions(),
             "batch": batch,
             "rounds": rounds,
             "stages": stages.stages(batch, rounds, bars),
+            "page_faults": {n: throughput.page_faults(n) for n in sorted({*stages.BATCHES, batch})},
+            "commands": stages.commands(rounds),
+            "first_answer": stages.first_answer(),
             "first": stages.first_calls(),
             "growth": stages.growth_in_fresh_process(stages.decades(largest)),
             "training": stages.trainings(training, bars) if training else {},
         }
     results.mkdir(parents=True, exist_ok=True)
-    write_text(results / "benchmark.json", json.dumps(result, indent=1) + "\n")
-    write_text(results / "benchmark.md", page.to_markdown(result))
-    plots.save(page.picture(result), figures / "speed.png")
-    print(page.to_markdown(result))
+    every = page.stored(results / "benchmark.json") | {stopwatch.machine(): result}
+    write_text(results / "benchmark.json", json.dumps(every, indent=1) + "\n")
+    write_text(results / "benchmark.md", page.to_markdown(every))
+    plots.save(page.picture(stopwatch.machine(), result), figures / "speed.png")
+    print(page.to_markdown({stopwatch.machine(): result}))
 
 
 if __name__ == "__main__":

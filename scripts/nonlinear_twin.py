@@ -5,7 +5,9 @@ python scripts/nonlinear_twin.py             # results/nonlinear.* and figures/,
 
 from pathlib import Path
 
-from studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
+import click
+
+from studies import nonlinear, nonlinear_plots, nonlinear_speed, plots, readme
 from studies.program import counted, folders, program, seed
 from tuners.cli.progress import Bars
 from yawrate_env.files import write_text
@@ -17,8 +19,15 @@ from yawrate_env.files import write_text
 @seed(help="Of both.")
 @counted("--rounds", 30, "Of timing.")
 @folders
+@click.option("--page", type=click.Path(path_type=Path), help="Page to update.")
 def main(
-    episodes: int, training: int, seed: int, rounds: int, results: Path, figures: Path
+    episodes: int,
+    training: int,
+    seed: int,
+    rounds: int,
+    results: Path,
+    figures: Path,
+    page: Path | None,
 ) -> None:
     with Bars() as bars:
         speed = nonlinear_speed.measure(64, rounds, bars)
@@ -27,6 +36,8 @@ def main(
     results.mkdir(parents=True, exist_ok=True)
     write_text(results / "nonlinear.md", table)
     write_text(results / "nonlinear.json", nonlinear.to_json(scores, speed, training, seed))
+    if page:
+        write_text(page, readme.updated(page.read_text(), "nonlinear", nonlinear.summary(scores)))
     plots.save(nonlinear_plots.overview(scores), figures / "nonlinear.png")
     print(table)
 

@@ -1,6 +1,8 @@
 """The measured speed as a page and as a picture."""
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,20 +18,29 @@ from studies.palette import INK, STYLE, WIDTH, colour
 MARKERS = ("o", "s", "^")
 
 
-def to_markdown(result: dict[str, Any]) -> str:
-    """Tables of all that was measured."""
+def stored(path: Path) -> dict[str, Any]:
+    """What was measured so far, by machine; nothing where there is no file."""
+    return dict(json.loads(path.read_text())) if path.exists() else {}
+
+
+def to_markdown(machines: Mapping[str, dict[str, Any]]) -> str:
+    """Tables of all that was measured, machine by machine."""
+    return "\n".join(["# Speed\n", *(_machine(*each) for each in machines.items())])
+
+
+def _machine(name: str, result: dict[str, Any]) -> str:
     versions = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
     parts = [
-        f"# Speed\n\n{result['machine']}; {versions}. Episodes of 10 000 samples. All contenders "
-        f"of a table take turns in one process, {result['rounds']} rounds (those that take "
-        "seconds: 3); times are medians (least to most), ratios are medians within a round.\n"
+        f"## {name}\n\nCommit {result['commit']}; {versions}. Episodes of 10 000 samples. All "
+        f"contenders of a table take turns in one process, {result['rounds']} rounds (those that "
+        "take seconds: 3); times are medians (least to most), ratios are medians within a round.\n"
     ]
     missing = [name for name in PACKAGES if name not in result["versions"]]
     if missing:
         parts.append(f"Not installed, so without their rows: {', '.join(missing)}.\n")
 
     def add(title: str, heads: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        parts.append(f"## {title}\n\n{table(heads, rows)}")
+        parts.append(f"### {title}\n\n{table(heads, rows)}")
 
     for title, contenders in result["stages"].items():
         add(
@@ -40,6 +51,20 @@ def to_markdown(result: dict[str, Any]) -> str:
                 for name, found in contenders.items()
             ],
         )
+    if "page_faults" in result:
+        faults = [(f"{n} environments", f"{found:g}") for n, found in result["page_faults"].items()]
+        add("Fresh pages of memory", ("", "a step of the batch environment"), faults)
+    if "commands" in result:
+        add(
+            "From the shell to the answer",
+            ("", "seconds", "times the import of NumPy"),
+            [
+                (f"`{name}`", _spread(_seconds(found["milliseconds"])), _spread(found["ratio"]))
+                for name, found in result["commands"].items()
+            ],
+        )
+        first = result["first_answer"]
+        parts.append(f"`yawrate tune` where nothing is compiled yet: {first:.1f} s.\n")
     add(
         "What a process does first",
         ("", "compiling [s]", "from the cache [s]"),
@@ -63,10 +88,11 @@ def to_markdown(result: dict[str, Any]) -> str:
     return "\n".join(parts)
 
 
-def picture(result: dict[str, Any]) -> Figure:
-    """Draw what an answer of each tuner costs, and how data sets' costs grow."""
+def picture(machine: str, result: dict[str, Any]) -> Figure:
+    """Draw for one machine what an answer of each tuner costs, and how data sets' costs grow."""
     with style.context(["default", STYLE]):
-        figure = Figure(figsize=(WIDTH, 5.6))
+        figure = Figure(figsize=(WIDTH, 5.8))
+        figure.suptitle(machine)
         parts = figure.subplot_mosaic("AA;BC", height_ratios=[1.25, 1])
         _answers(parts["A"], {how: result["stages"][how] for how in ANSWERS})
         for axes, what in ((parts["B"], "episodes"), (parts["C"], "samples")):
@@ -107,6 +133,10 @@ def _growth(axes: Axes, what: str, rows: Sequence[dict[str, float]]) -> None:
 def _spread(values: dict[str, float]) -> str:
     median, least, most = (_number(values[name]) for name in ("median", "least", "most"))
     return f"{median} ({least} to {most})"
+
+
+def _seconds(milliseconds: dict[str, float]) -> dict[str, float]:
+    return {name: value / 1e3 for name, value in milliseconds.items()}
 
 
 def _number(value: float) -> str:

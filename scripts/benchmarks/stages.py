@@ -6,9 +6,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from tuners.tuner.recording import Recording
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES
 from yawrate_env.loop.simulation import simulate
+from yawrate_env.plant.episodes import BLOCK
 from yawrate_env.vehicle.episode import plants
 from yawrate_env.vehicle.single_track import Context, context_of
 from yawrate_env.vehicle.task import Experiment, Task
@@ -37,6 +39,9 @@ TUNERS = ("ts-ff-lag", "ts-gbm-lag", "ts-ff", "ts-gbm", "gb")
 BASIS = Laguerre(order=8, pole=12.0)
 _SLOW = 3  # rounds of those that take seconds an episode
 ONE = slice(0, 1)
+
+BATCHES = 64, 256
+"""Sizes of the batch environment, beside the one that is asked for."""
 
 ANSWERS = {
     "Gains, one episode alone": "same",
@@ -59,7 +64,11 @@ def stages(batch: int, rounds: int, progress: Progress) -> dict[str, Times]:
     def reported(title: str) -> Callable[[int, int], None]:
         return lambda done, of: progress(title, done, of)
 
-    found = {"Environment": throughput.measure(batch, rounds, reported("Environment"))}
+    found = {
+        title: throughput.measure(count, rounds, reported(title))
+        for count in sorted({*BATCHES, batch})
+        for title in [f"Environment, {count}"]
+    }
     for title, entrants in contenders.items():
         found[title] = race(entrants(batch), rounds, reported(title))
     return found
@@ -148,7 +157,7 @@ def growth(sizes: Sequence[int]) -> dict[str, list[dict[str, float]]]:
     for size in sizes:
         found["episodes"].append({"size": size, **_dataset(size, Experiment())})
     for N in (1_000, 10_000, 100_000, 1_000_000):
-        count = int(np.clip(4_000_000 // N, 2 * LANES, 256))  # no core waits, memory is bounded
+        count = int(np.clip(4_000_000 // N, BLOCK, 2 * BLOCK))  # blocks are computed whole
         found["samples"].append({"size": N, **_dataset(count, Experiment(N=N))})
     return found
 
@@ -191,6 +200,40 @@ def in_fresh_process(program: str, cache: str | None = None) -> str:
         [sys.executable, "-c", program], env=inherited, check=True, capture_output=True, text=True
     )
     return done.stdout
+
+
+def commands(rounds: int) -> Times:
+    """Seconds from the shell to the end of commands, beside the import of NumPy."""
+    with tempfile.TemporaryDirectory() as folder:
+        report = str(Path(folder) / "report.html")
+        asked = {
+            "python -c 'import numpy'": ["-c", "import numpy"],
+            "yawrate --help": [*_COMMAND, "--help"],
+            "yawrate tune": [*_COMMAND, "tune", str(_LOG)],
+            "yawrate tune --report": [*_COMMAND, "tune", str(_LOG), "--report", report],
+        }
+        return race(
+            {name: _of(1, partial(_call, words)) for name, words in asked.items()},
+            rounds,
+            lambda done, of: None,
+        )
+
+
+def first_answer() -> float:
+    """Seconds of `yawrate tune` where nothing is compiled yet."""
+    with tempfile.TemporaryDirectory() as cache:
+        start = time.perf_counter()
+        _call([*_COMMAND, "tune", str(_LOG)], {"NUMBA_CACHE_DIR": cache})
+        return time.perf_counter() - start
+
+
+def _call(words: Sequence[str], variables: Mapping[str, str] = MappingProxyType({})) -> None:
+    inherited = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | dict(variables)
+    subprocess.run([sys.executable, *words], env=inherited, check=True, capture_output=True)
+
+
+_COMMAND = "-m", "tuners.cli"
+_LOG = Path(__file__).parents[2] / "examples" / "log.csv"
 
 
 def growth_in_fresh_process(sizes: Sequence[int]) -> dict[str, list[dict[str, float]]]:

@@ -6,11 +6,13 @@ of them; what counts is the median of the ratios within a round.
 
 import os
 import platform
+import subprocess
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -91,6 +93,14 @@ def processor() -> str:
                 if line.startswith("model name"):
                     return line.split(":", 1)[1].strip()
     return platform.processor() or platform.machine()
+
+
+def commit() -> str:
+    """The commit that is measured, and whether files differ from it; empty outside a clone."""
+    words = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    with suppress(OSError, subprocess.CalledProcessError):
+        return subprocess.run(words, check=True, capture_output=True, text=True).stdout.strip()
+    return ""
 
 
 def versions() -> dict[str, str]:

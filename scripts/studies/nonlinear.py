@@ -240,6 +240,22 @@ def to_markdown(scores: Sequence[Score]) -> str:
     return "\n".join(parts)
 
 
+def summary(scores: Sequence[Score]) -> str:
+    """What docs/nonlinear.md shows: root mean square errors of the phase margin."""
+    tuners = list(dict.fromkeys(s.tuner for s in scores if s.tuner != "oracle"))
+    largest = max(s.amplitude for s in scores)
+    rows = [
+        (f"±{amplitude:g}°{', μ_s < ' + format(LOW_FRICTION, 'g') if low else ''}",
+         *(f"{margins[tuner]:#.2g}°" for tuner in tuners))
+        for low in (False, True)
+        for amplitude in dict.fromkeys(s.amplitude for s in scores)
+        if not low or amplitude == largest
+        for margins in [{s.tuner: s.phase_margin for s in scores
+                         if (s.amplitude, s.low_friction) == (amplitude, low)}]
+    ]  # fmt: skip
+    return table(("command", *tuners), rows)
+
+
 def _cells(s: Score) -> tuple[object, ...]:
     return (
         f"±{s.amplitude:g}°", s.tuner, f"{s.phase_margin:.3g}", f"{s.crossover:.3g}", s.unstable,

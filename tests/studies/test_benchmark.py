@@ -66,6 +66,23 @@ def test_an_input_in_every_episode_costs_less_than_one_after_the_other():
     assert found["scipy lfilter and numpy lstsq"]["ratio"]["median"] > 1
 
 
+def test_a_machines_tables_are_replaced_and_others_stay(tmp_path):
+    file = tmp_path / "benchmark.json"
+    assert page.stored(file) == {}
+    file.write_text(json.dumps({"another": result(), "a processor": {"old": 1}}))
+    assert page.stored(file) | {"a processor": result()} == {
+        "another": result(), "a processor": result()
+    }  # fmt: skip
+
+
+@pytest.mark.slow  # starts processes
+def test_commands_are_timed_beside_numpy():
+    found = stages.commands(2)
+    first, *others = (times["ratio"]["median"] for times in found.values())
+    assert first == 1 and others[0] < others[1] < others[2]
+    assert others[0] < 2.5 and others[1] < 12 and others[2] < 24
+
+
 @pytest.mark.slow  # compiles
 def test_growth_is_measured_in_a_fresh_process():
     found = stages.growth_in_fresh_process([10])
@@ -77,7 +94,8 @@ def result():
     times["ratio"] = {"median": 1.0, "least": 1.0, "most": 1.0}
     row = {"size": 100, "count": 100, "seconds": 0.5, "megabytes": 200.0}
     return {
-        "machine": "a processor", "versions": {"numpy": "2"}, "batch": 64, "rounds": 2,
+        "commit": "abc1234", "versions": {"numpy": "2"}, "batch": 64, "rounds": 2,
+        "page_faults": {"64": 3.0}, "commands": {"yawrate tune": times}, "first_answer": 5.04,
         "stages": {
             "Environment": {"batch environment": times},
             **{how: dict.fromkeys(stages.TUNERS, times) for how in stages.ANSWERS},
@@ -89,13 +107,17 @@ def result():
 
 
 def test_the_page_and_picture_have_all_that_was_measured():
-    text = page.to_markdown(result())
-    assert all(f"## {how}" in text for how in stages.ANSWERS)
-    assert text.count("| ts-ff-lag | 2 (1 to 3) | 1 (1 to 1) |") == 3
+    text = page.to_markdown({"a processor": result(), "another": result()})
+    assert text.count("## a processor") == text.count("## another") == 1
+    assert text.count("Commit abc1234;") == 2
+    assert all(text.count(f"### {how}") == 2 for how in stages.ANSWERS)
+    assert text.count("| ts-ff-lag | 2 (1 to 3) | 1 (1 to 1) |") == 6
+    assert "| 64 environments | 3 |" in text and "compiled yet: 5.0 s" in text
+    assert "| `yawrate tune` | 0.002 (0.001 to 0.003) | 1 (1 to 1) |" in text
     assert "| 1000 episodes | 100 | 5.00 | 50 | 200 |" in text
     assert "| import | 1.00 | 0.50 |" in text and "| ts-ff | 3.0 |" in text
     assert "Not installed" in text and "pysib" in text
-    picture = page.picture(result())
+    picture = page.picture("a processor", result())
     assert isinstance(picture, Figure)
     labels = [text.get_text() for text in picture.axes[0].get_yticklabels()]
     assert labels == list(stages.TUNERS)

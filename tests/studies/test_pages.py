@@ -117,6 +117,9 @@ def test_other_pages_show_the_tables_of_the_results():
         assert readme.updated(page, name, (RESULTS / f"{name}.md").read_text()) == page
     summary = robustness_page.summary(robustness_page.read(stored("robustness"))[0])
     assert readme.updated(page, "robustness", summary) == page
+    guide = (ROOT / "docs" / "nonlinear.md").read_text()
+    scores = [nonlinear.Score(**row) for row in stored("nonlinear")["rows"]]
+    assert readme.updated(guide, "nonlinear", nonlinear.summary(scores)) == guide
     guide, results = ((ROOT / folder / "plants.md").read_text() for folder in ("docs", "results"))
     rows = [line for line in results.splitlines() if line.startswith("|")]
     assert len(rows) > 12 and set(rows) <= set(guide.splitlines())

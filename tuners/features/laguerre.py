@@ -177,7 +177,7 @@ class Laguerre:
 
 def _of_input(functions: Laguerre, u: bytes, Ts: float) -> tuple[Array, Array]:
     """Regressors (order, N) of one input and their Gram matrix (order, order)."""
-    phi = functions.regressors(np.frombuffer(u)[None], Ts)[0]
+    phi = functions.regressors(np.frombuffer(bytearray(u))[None], Ts)[0]
     return phi, products(phi, phi)
 
 

@@ -66,7 +66,7 @@ class Draw:
         return cls(
             parameters(plant, integers[:, :p], ranges),
             plant.inputs(integers[:, p]),
-            integers[:, p + 1 :],
+            np.ascontiguousarray(integers[:, p + 1 :]),  # compiled for once
         )
 
 
