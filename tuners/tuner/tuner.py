@@ -174,6 +174,7 @@ class Tuner:
             reasons=reasons(plant, checks, why, Rung(climbed.rung[i])),
             notes=notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
             + notes.unfollowed(self._left_over)
+            + notes.hidden(self.training.get("hides", ()))
             + notes.slow_integral(plant, gains.values[i], given.y.shape[1] * given.Ts),
             fallback=self._named(self.fallback),
             checks=checks,
