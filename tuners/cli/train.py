@@ -57,7 +57,8 @@ def command(
     The errors of its metrics on simulated plants of the test set are printed beside the
     Cramér-Rao bound, the least that an unbiased tuner can reach, with the share of these
     recordings that it will find usable, or usable with care. An error far below what the noise
-    and the prior allow is warned of.
+    and the prior allow is warned of.  Faults of recordings that the prior hides, so that no check
+    can see them, are listed with what they cost.
 
     Another plant than a vehicle is one line of TOML, entry = "module:attribute" in
     [plant]; the module is found beside the file.
@@ -73,6 +74,8 @@ def command(
     import tuners
     from tuners.cli.progress import Bars
     from tuners.trust.distinction import distinction
+    from tuners.tuner.against_bound import remarks
+    from tuners.tuner.hidden_faults import as_record, hidden_faults, sentences
 
     given = None if folder is not None and vehicle is None else plant_from(vehicle)
     if folder is None:
@@ -94,10 +97,11 @@ def command(
             tuner = tuners.train(
                 recipe, plant, episodes=episodes, seed=seed, calibration=CALIBRATION, progress=bars
             )
+    hidden = hidden_faults(tuner, seed)
+    tuner.training["hides"] = as_record(hidden)
     tuner.save(out)
-    from tuners.tuner.against_bound import remarks
-
-    click.echo("\n".join([f"{out}: {accuracy(tuner, seed)}", *remarks(tuner)]))
+    said = [f"{out}: {accuracy(tuner, seed)}", *remarks(tuner), *sentences(hidden)]
+    click.echo("\n".join(said))
 
 
 def accuracy(tuner: "Tuner", seed: int) -> str:

@@ -1,5 +1,8 @@
 """Notes on how a recording differs from the experiment that the tuner was made for."""
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,6 +66,14 @@ def unfollowed(left_over: float) -> tuple[str, ...]:
         "The reference model cannot follow this plant, so a misfit cannot be checked: only the "
         "residual and parts of the recording can contradict the fitted plant.",
     )
+
+
+def hidden(faults: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """A note on faults that no recording of the plant shows (`tuners.tuner.hidden_faults`)."""
+    if not faults:
+        return ()
+    listed = "; ".join(str(each["fault"]) for each in faults)
+    return (f"No check of this plant's recordings sees {listed}: exclude them yourself.",)
 
 
 def _left_open(plant: Plant, hidden: NDArray[np.bool_]) -> tuple[str, ...]:

@@ -266,6 +266,7 @@ class Tuner:
             reasons=reasons(plant, checks, why, Rung(climbed.rung[i])),
             notes=said
             + notes.unfollowed(self._left_over)
+            + notes.hidden(self.training.get("hides", ()))
             + notes.slow_integral(plant, gains.values[i], seconds),
             fallback=self._named(self.fallback),
             checks=checks,

@@ -1,0 +1,133 @@
+"""Faults of recordings that a plant's prior hides: another plant of the prior explains them.
+
+Whatever a recording of a plant with one parameter more or less looks like is no fault that a check
+can see: of a plant whose gain is unknown a wrong scale of the output, of one whose dead time is
+unknown a late log.  Which of the usual faults are of this kind, and what each costs, is found by
+making them: one with which recordings are called usable, without care, and miss is hidden.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.trust.findings import MISS
+from tuners.tuner.notes import stretched
+from tuners.tuner.recording import Recording
+from tuners.tuner.tuner import Tuner
+from yawrate_env.plant.episodes import recorded
+from yawrate_env.plant.names import split
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+PLANTS = 48
+"""Plants of the ``calibration`` set whose recordings get the faults."""
+
+_HIDDEN = 0.03  # share of recordings that are usable without care, and miss
+_SCALED, _LATE, _SLOW, _CLIPPED, _OFFSET, _DRIFT = 1.5, 0.008, 1.1, 0.7, 0.3, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """One fault that the prior hides.
+
+    Attributes
+    ----------
+    fault : str
+        In words.
+    share : float
+        Of recordings with it that are called usable, without care, and miss.
+    cost : dict
+        Root mean square errors of these by metric.
+    """
+
+    fault: str
+    share: float
+    cost: dict[str, float]
+
+
+def hidden_faults(tuner: Tuner, seed: int = 0) -> list[Hidden]:
+    """The faults that recordings of the tuner's plant hide, the commonest first."""
+    plant, found = tuner.plant, []
+    block = recorded(plant, "calibration", seed, PLANTS)
+    given = Recording(block.u, block.y, plant.Ts, block.theta)
+    right = plant.metric_values(block.theta, plant.oracle(block.theta))
+    most = MISS * plant.metric_setting("error")
+    for fault, made in _FAULTS.items():
+        recording = made(plant, given)
+        if len(recording.u) == 1 and stretched(plant, recording):
+            continue  # refused for its input
+        gains, assessment = tuner.assess(recording)
+        error = plant.metric_values(block.theta, gains.values) - right
+        missed = (assessment.verdicts == 0) & (~(np.abs(error) <= most)).any(axis=1)
+        if missed.mean() > _HIDDEN:
+            finite = error[missed & np.isfinite(error).all(axis=1)]
+            rms = np.sqrt((finite**2).mean(axis=0)) if len(finite) else np.full(len(most), np.inf)
+            cost = dict(zip(plant.counted, rms.tolist(), strict=True))
+            found.append(Hidden(fault, float(missed.mean()), cost))
+    return sorted(found, key=lambda each: -each.share)
+
+
+def sentences(hidden: list[Hidden]) -> list[str]:
+    """What to print of them."""
+    if not hidden:
+        return []
+    parts = []
+    for each in hidden:
+        costs = (" ".join((split(n)[0], f"{v:.2g}", split(n)[1])) for n, v in each.cost.items())
+        parts.append(f"  {each.fault}: {each.share:.0%}, off by {', '.join(costs)}")
+    return ["Faults that the prior hides, with the share called usable in error, and rms:", *parts]
+
+
+def _scaled(plant: Plant, given: Recording) -> Recording:
+    return replace(given, y=_SCALED * given.y)
+
+
+def _late(plant: Plant, given: Recording) -> Recording:
+    N = given.y.shape[1]
+    late = max(round(_LATE * N), 1)
+    return replace(given, y=np.concatenate([given.y[:, :1].repeat(late, 1), given.y[:, :-late]], 1))
+
+
+def _slow(plant: Plant, given: Recording) -> Recording:
+    return replace(given, Ts=_SLOW * given.Ts)
+
+
+def _reversed(plant: Plant, given: Recording) -> Recording:
+    return replace(given, u=-given.u)
+
+
+def _clipped(plant: Plant, given: Recording) -> Recording:
+    """The plant's answer to a command of which the actuator gives only a part."""
+    most = _CLIPPED * np.abs(given.u).max(axis=1, keepdims=True)
+    assert given.known is not None
+    less = plant.respond(given.known, np.clip(given.u, -most, most))
+    return replace(given, y=given.y + less - plant.respond(given.known, given.u))
+
+
+def _offset(plant: Plant, given: Recording) -> Recording:
+    return replace(given, y=given.y + _OFFSET * given.y.std(axis=1, keepdims=True))
+
+
+def _drifting(plant: Plant, given: Recording) -> Recording:
+    line = np.linspace(0.0, _DRIFT, given.y.shape[1])
+    return replace(given, y=given.y + line * given.y.std(axis=1, keepdims=True))
+
+
+_FAULTS: dict[str, Callable[[Plant, Recording], Recording]] = {
+    f"an output scaled by {_SCALED:g}": _scaled,
+    f"an output that is {_LATE:.1%} of the recording late": _late,
+    f"a sampling time off by {_SLOW - 1:.0%}": _slow,
+    "an input with the wrong sign": _reversed,
+    f"an actuator that gives {_CLIPPED:.0%} of the largest command at most": _clipped,
+    "an offset of the output": _offset,
+    "a drift of the output": _drifting,
+}
+
+
+def as_record(hidden: list[Hidden]) -> list[dict[str, Any]]:
+    """As plain JSON values, for a tuner's record."""
+    return [{"fault": each.fault, "share": each.share, "cost": each.cost} for each in hidden]
