@@ -10,7 +10,7 @@ import click
 from tuners.cli.arguments import READABLE, Output, example, refuse_overwriting
 from tuners.cli.log_options import log_options
 from tuners.cli.sources import load_tuner
-from tuners.logs import Log, MissingParameterError, Options, SelectionError, read_log
+from tuners.logs import Log, MissingParameterError, Options, SelectionError, log_of, read_table
 from tuners.trust.black_box import STARTS
 from tuners.trust.verdict import Verdict
 from tuners.tuner.result import Result
@@ -85,13 +85,14 @@ def _read(log: Path, options: Options, name: str | None) -> tuple[str, Tuner, Lo
     """The tuner's name, the tuner and the log; by default the one that the log suffices for."""
     chosen = name or DEFAULT
     trained = load_tuner(chosen)
+    table = read_table(log)
     try:
-        return chosen, trained, read_log(log, trained.plant, options)
+        return chosen, trained, log_of(table, trained.plant, options)
     except MissingParameterError:
         if name is not None:
             raise
     trained = load_tuner(WITHOUT)
-    return WITHOUT, trained, read_log(log, trained.plant, options)
+    return WITHOUT, trained, log_of(table, trained.plant, options)
 
 
 def tuned(tuner: Tuner, log: Log, start: str, input_scale: float) -> Result:

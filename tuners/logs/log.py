@@ -12,7 +12,7 @@ from tuners.logs.excitation import Excitation, band_of, best_stretch
 from tuners.logs.formats import read_table
 from tuners.logs.options import Options
 from tuners.logs.sampling import Plan, sampled
-from tuners.logs.table import Array, SelectionError
+from tuners.logs.table import Array, LogError, SelectionError, Table
 from tuners.logs.time_base import TimeBase, pace_of
 from yawrate_env.plant.plant import Plant
 
@@ -71,7 +71,7 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
     Parameters
     ----------
     path : Path
-        CSV, MATLAB, Parquet or MDF, told apart by their first bytes.
+        In any known format, which its first bytes tell; a pipe is read once.
     plant : Plant
         Columns are recognised by the names of its signals and measured parameters, their labels
         and synonyms.
@@ -85,8 +85,18 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
     SelectionError
         It has no such column or stretch, or the plant no such parameter.
     """
-    options = options or Options()
-    table = read_table(path)
+    return log_of(read_table(path), plant, options or Options())
+
+
+def log_of(table: Table, plant: Plant, options: Options) -> Log:
+    """The recording of a plant in a table that was read; errors name its file."""
+    try:
+        return _log(table, plant, options)
+    except (LogError, SelectionError) as error:
+        raise type(error)(f"{table.source}: {error}") from None
+
+
+def _log(table: Table, plant: Plant, options: Options) -> Log:
     found = find(table, plant, options)
     base, signals, lost = sampled(found.quantities, _plan(found.quantities, plant, options))
     part, chosen = _stretch(base, signals, plant, options)
@@ -96,7 +106,7 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
     excited = excitation.check(plant, u, y, parameters, base.Ts)
     notes = (*table.notes, *lost, *found.notes, *base.notes, *chosen, *assumed, *excited.notes)
     t0 = float(base.grid[part.start])
-    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts)
+    log = Log(table.source.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts)
     return log if options.input_is == "command" else _whole_plant(log, plant)
 
 
