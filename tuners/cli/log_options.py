@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from tuners.cli.arguments import ASSIGNMENT, NONZERO, NUMBER, POSITIVE
+from tuners.cli.arguments import ASSIGNMENT, NONZERO, NUMBER, POSITIVE, READABLE
 from tuners.logs import Options
 
 Decorator = Callable[..., Any]
@@ -51,6 +51,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
             start=given.pop("begin"),
             stop=given.pop("end"),
             input_is=given.pop("input_is"),
+            dbc=given.pop("dbc"),
         )
         return command(options=options, **given)
 
@@ -126,6 +127,7 @@ def _options() -> list[Decorator]:
                type=click.Choice(["command", "measured"]),
                help="Whether the input was recorded before or after the plant's actuator."),
         option("--Ts", "Ts", type=POSITIVE, help="Sampling time [s], instead of a column."),
+        option("--dbc", type=READABLE, help="File of the signals in a CAN trace (BLF, ASC)."),
         option("--from", "begin", type=NUMBER, help="Use the log from this time on [s]."),
         option("--to", "end", type=NUMBER, help="Use the log up to this time [s]."),
     ]  # fmt: skip

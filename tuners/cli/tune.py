@@ -85,7 +85,7 @@ def _read(log: Path, options: Options, name: str | None) -> tuple[str, Tuner, Lo
     """The tuner's name, the tuner and the log; by default the one that the log suffices for."""
     chosen = name or DEFAULT
     trained = load_tuner(chosen)
-    table = read_table(log)
+    table = read_table(log, options.dbc)
     try:
         return chosen, trained, log_of(table, trained.plant, options)
     except MissingParameterError:

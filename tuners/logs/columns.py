@@ -205,7 +205,7 @@ def candidates(role: Role, columns: Sequence[str]) -> list[Candidate]:
         match = min((m for m in (match, whole) if m is not None), default=None)
         if match is None or match.kind == names.UNSURE:
             with_unit = _with_suffix(column, role, phrases)
-            match = min((m for m in (match, with_unit) if m is not None), default=None)
+            match = with_unit or match
         if match is not None and not (match.kind == names.VAGUE and _foreign(column, role)):
             found.append(Candidate(column, match))
     return sorted(found, key=lambda c: (c.match.kind, c.match.order, c.match.extra))
@@ -221,7 +221,7 @@ def _with_suffix(
         match = names.match(name[:start], phrases, role.own, role.warned)
         said = name[start:]
         symbol = len(re.sub(r"[\W_]", "", name[:start])) == 1 and len(said) == 1
-        if match is None or match.kind == names.UNSURE or not role.unit:
+        if match is None or not role.unit:
             continue
         if said == role.unit or (not symbol and units.alike(said, role.unit)):
             return replace(match, suffix=said)
@@ -236,7 +236,7 @@ def _foreign(column: str, role: Role) -> bool:
 
 def _repeats(name: str, first: str) -> bool:
     """Whether a name is another's with the number that sets repeated names apart."""
-    return bool(re.fullmatch(re.escape(first) + r"(_\d+| \(group \d+\))", name))
+    return bool(re.fullmatch(re.escape(first) + r"_\d+", name))
 
 
 def _different(equal: list[Candidate], table: Table) -> list[Candidate]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -21,7 +22,6 @@ _READERS = {
     b"PK\x03\x04": "spreadsheet:read",
     b"\xd0\xcf\x11\xe0": "spreadsheet:read",
     b"\x89MCAP0\r\n": "mcap_file:read",
-    b"LOGG": "can_bus:read",
 }
 """Modules and functions by how a file begins."""
 
@@ -51,21 +51,32 @@ _FOREIGN = {
 """What is known and not read, and the way out, by how a file begins."""
 
 
-def read_table(path: Path) -> Table:
-    """Read a recording in any known format; the file, which may be a pipe, is read once."""
+def read_table(path: Path, dbc: Path | None = None) -> Table:
+    """Read a recording in any known format; the file, which may be a pipe, is read once.
+
+    Parameters
+    ----------
+    dbc : Path, optional
+        File of the signals in a CAN trace.
+    """
     try:
         content = source.read(path)
         if not content:
             raise LogError("The file is empty.")
-        return replace(_reader(content, path.suffix)(content), source=path)
+        reader = _reader(content, path.suffix, dbc)
+        if dbc is not None and not isinstance(reader, partial):
+            raise LogError(f"This is no CAN trace, and --dbc {dbc} is of one. Leave it out.")
+        return replace(reader(content), source=path)
     except LogError as error:
         raise LogError(f"{path}: {error}") from None
 
 
-def _reader(content: bytes, suffix: str) -> Reader:
+def _reader(content: bytes, suffix: str, dbc: Path | None) -> Reader:
     for magic, reader in _READERS.items():
         if content.startswith(magic):
             return _imported(reader)
+    if content.startswith(b"LOGG"):
+        return partial(_imported("can_bus:read"), dbc=dbc)
     if b"\x89HDF\r\n\x1a\n" in content[:1024] or suffix == ".mat":
         return _imported("matlab:read")
     if content[257:262] == b"ustar":
@@ -74,11 +85,11 @@ def _reader(content: bytes, suffix: str) -> Reader:
         if content.lstrip()[: len(magic)] == magic:
             raise LogError(f"This is {what}, which is not read: {remedy}.")
     if content[:400].lstrip().startswith(b"date ") and b"base " in content[:400]:
-        return _imported("can_bus:read_asc")
+        return partial(_imported("can_bus:read_asc"), dbc=dbc)
     return _imported("csv_file:read")
 
 
-def _imported(reader: str) -> Reader:
+def _imported(reader: str) -> Callable[..., Table]:
     module, _, function = reader.partition(":")
-    found: Reader = getattr(import_module(f"tuners.logs.{module}"), function)
+    found: Callable[..., Table] = getattr(import_module(f"tuners.logs.{module}"), function)
     return found

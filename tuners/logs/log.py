@@ -85,7 +85,8 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
     SelectionError
         It has no such column or stretch, or the plant no such parameter.
     """
-    return log_of(read_table(path), plant, options or Options())
+    options = options or Options()
+    return log_of(read_table(path, options.dbc), plant, options)
 
 
 def log_of(table: Table, plant: Plant, options: Options) -> Log:

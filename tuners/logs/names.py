@@ -60,8 +60,8 @@ _ORIGINS = frozenset(
     "vehicle veh car ego fzg fahrzeug kfz host body chassis sensor sensors sens measured meas "
     "measurement mess messwert actual act ist istwert value val values wert sig signal data can "
     "esp esc abs eps dsc imu gps ins gnss vbox adma oxts rt3000 log logger raw filt filtered "
-    "filter lp corrected corr cal calibrated msg message bus state carstate carcontrol controlsstate "
-    "actuators model sim plant platform "
+    "filter lp corrected corr cal calibrated msg message bus state carstate control "
+    "controlsstate actuators model sim plant platform "
     "out output outputs in input inputs the of current cur total abs hz fused est estimated "
     "channel ch rel relative system sys since start elapsed utc kin kinematics dyn dynamics "
     "coorsys c0 c1 ref0 cog cg com twist pose odom odometry main".split()

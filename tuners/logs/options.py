@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,8 @@ class Options:
         Stretch to use, in the recording's own time [s].
     input_is : {"command", "measured"}
         Whether the input was recorded before the plant's actuator or after it.
+    dbc : Path or None
+        File of the signals in a CAN trace.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -38,3 +41,4 @@ class Options:
     start: float | None = None
     stop: float | None = None
     input_is: str = "command"
+    dbc: Path | None = None

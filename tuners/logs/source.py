@@ -18,7 +18,7 @@ from tuners.logs.table import LogError
 LARGEST = 1 << 30
 """Bytes of a recording, unpacked."""
 
-PATIENCE = 60.0
+PATIENCE = 10.0
 """How long a pipe may be silent [s]."""
 
 _CHUNK = 1 << 20
@@ -66,7 +66,9 @@ def _chunks(file: io.FileIO, pipe: bool) -> list[bytes]:
     size = 0
     while True:
         if pipe and not select.select([file], [], [], PATIENCE)[0]:
-            raise LogError(f"Nothing came through the pipe for {PATIENCE:g} s.")
+            raise LogError(
+                f"Nothing came through the pipe for {PATIENCE:g} s. Write to a file first."
+            )
         chunk = file.read(_CHUNK)
         if not chunk:
             return chunks
