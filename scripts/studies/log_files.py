@@ -86,7 +86,9 @@ def stamps(form: str, start: float = 0.0) -> list[str]:
     for t in T + start:
         hours, rest = divmod(round(1e3 * t), 3_600_000)
         minutes, ms = divmod(rest, 60_000)
-        found.append(form.format(h=hours % 24, m=minutes, s=ms / 1e3, ms=ms % 1000, full=ms // 1000))
+        found.append(
+            form.format(h=hours % 24, m=minutes, s=ms / 1e3, ms=ms % 1000, full=ms // 1000)
+        )
     return found
 
 
@@ -116,7 +118,9 @@ def zipped(*members: str) -> Write:
     return write
 
 
-def mdf(*groups: Mapping[str, tuple[Array, Array]], units: Mapping[str, str] | None = None) -> Write:
+def mdf(
+    *groups: Mapping[str, tuple[Array, Array]], units: Mapping[str, str] | None = None
+) -> Write:
     """MDF 4 with a group for each mapping of channels to values and stamps."""
 
     def write(path: Path) -> None:
@@ -245,9 +249,11 @@ def mcap(path: Path) -> None:
     from mcap_ros2.writer import Writer
 
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer: Any = Writer(file)
         number = writer.register_msgdef("std_msgs/msg/Float64", "float64 data")
-        vector = writer.register_msgdef("geometry_msgs/msg/Vector3", "float64 x\nfloat64 y\nfloat64 z")
+        vector = writer.register_msgdef(
+            "geometry_msgs/msg/Vector3", "float64 x\nfloat64 y\nfloat64 z"
+        )
         for k, t in enumerate(T):
             at = round(1e9 * (1.7e9 + t))
             writer.write_message("/steering_cmd", number, {"data": U[k]}, at)
@@ -363,6 +369,7 @@ def _times() -> list[LogFile]:
     def at(time: Any, name: str = "t") -> dict[str, Any]:
         return dict(zip((name, *list(PLAIN)[1:]), (time, U, Y, V), strict=True))
 
+    late = np.where(np.arange(len(T)) % 50 == 49, T - 0.01, T)
     bursts = T[np.minimum(np.arange(len(T)) // 10 * 10 + 9, len(T) - 1)]
     return [
         LogFile("clock.csv", text(at(clock))),
@@ -374,7 +381,7 @@ def _times() -> list[LogFile]:
         LogFile("epoch_ns.csv", text(at([str(1_700_000_000 * 10**9 + round(1e9 * t)) for t in T]))),
         LogFile("wrapped.csv", text(at(wrapped, "t_ms"))),
         LogFile("repeated_rows.csv", text(of_rows(twice))),
-        LogFile("repeated_stamps.csv", text(at(np.where(np.arange(len(T)) % 50 == 49, T - 0.01, T)))),
+        LogFile("repeated_stamps.csv", text(at(late))),
         LogFile("shuffled.csv", text(of_rows(shuffled))),
         LogFile("jitter.csv", text(at(T + rng.uniform(-0.004, 0.004, len(T))))),
         LogFile("bursts.csv", text(at(bursts + 1e-4 * (np.arange(len(T)) % 10)))),
@@ -393,9 +400,10 @@ def _names() -> list[LogFile]:
         LogFile("symbols.csv", text(named("t", "delta", "omega(rad/s)", "v_ego"))),
         LogFile("openpilot.csv", text(named("t", "carControl.steeringAngleDeg", "yawRate_dps",
                                             "carState.vEgo", {**DEGREES, "speed": V}))),
-        LogFile("vector.csv", text(named("Time[s]", "EPS_SteerAngleCmd[deg]", "ESP_Gierrate[°/s]",
-                                         "VehSpd[km/h]", DEGREES))),
-        LogFile("words.csv", text(named("Time", '"Steering, Measured [rad]"', "YAW RATE", "VehSpeed"))),
+        LogFile("vector.csv", text(named("Time[s]", "EPS_SteerAngleCmd[deg]",
+                                         "ESP_Gierrate[°/s]", "VehSpd[km/h]", DEGREES))),
+        LogFile("words.csv", text(named("Time", '"Steering, Measured [rad]"', "YAW RATE",
+                                        "VehSpeed"))),
         LogFile("german.csv", text(named("Zeit", "Lenkradwinkel [rad]", "Giergeschwindigkeit",
                                          "Fahrzeuggeschwindigkeit", hand)), wheel),
         LogFile("carmaker.csv", text(named("Time", "VC.Steer.Ang", "Car.YawRate", "Car.v"))),
@@ -450,4 +458,3 @@ def _binary() -> list[LogFile]:
 
 def _ignored(_: Any) -> None:
     return None
-

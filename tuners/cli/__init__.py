@@ -4,7 +4,9 @@ Arguments, text, JSON, progress bars and the report.  What a program would call 
 in the library, which neither prints nor exits.
 """
 
+import logging
 import sys
+import warnings
 from importlib import import_module
 from typing import Any
 
@@ -66,3 +68,11 @@ def _end(message: str, status: int) -> None:
 @click.version_option(yawrate_env.__version__, prog_name="yawrate")
 def main() -> None:
     """Tune a controller from one recording of a plant's input and output."""
+
+
+def run() -> None:
+    """Run the command as a program: stderr is for its own errors, not for libraries' warnings."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    logging.getLogger().addHandler(logging.NullHandler())
+    main(prog_name="yawrate")

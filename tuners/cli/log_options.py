@@ -33,6 +33,8 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
         columns = {role: given.pop(f"{role}_column") for role in ROLES}
         units = {role: given.pop(f"{role}_unit") for role in ROLES}
         _check_time(given["Ts"], columns["time"], units["time"])
+        _check_stretch(given["begin"], given["end"])
+        _check_scales(given)
         values = {SPEED: given.pop("speed")}
         measured = _once(given.pop("measured"), _given(columns) | _given(values))
         columns |= {name: value for name, value in measured.items() if isinstance(value, str)}
@@ -71,6 +73,27 @@ def _check_time(Ts: float | None, column: str | None, unit: str | None) -> None:
             raise click.UsageError(
                 f"--Ts {Ts:g} and {flag} {value} contradict each other: --Ts, in seconds, takes "
                 "the place of a time column. Leave out one of the two."
+            )
+
+
+def _check_stretch(begin: float | None, end: float | None) -> None:
+    """Refuse a stretch that ends before it begins."""
+    if begin is not None and end is not None and not begin < end:
+        raise click.UsageError(f"--from {begin:g} must lie before --to {end:g}.")
+
+
+def _check_scales(given: Mapping[str, Any]) -> None:
+    """Refuse scales that would undo each other, or count twice."""
+    if given["steer_ratio"] != 1 and given["input_scale"] != 1:
+        raise click.UsageError(
+            f"--steer-ratio {given['steer_ratio']:g} and --input-scale {given['input_scale']:g} "
+            "both scale the input. Leave out one of the two."
+        )
+    for signal in ("input", "output"):
+        if given[f"flip_{signal}"] and given[f"{signal}_scale"] < 0:
+            raise click.UsageError(
+                f"--flip-{signal} and --{signal}-scale {given[f'{signal}_scale']:g} undo each "
+                "other's sign. Leave out one of the two."
             )
 
 

@@ -54,9 +54,11 @@ def command(
 ) -> None:
     """Tune a controller from a LOG of a plant's input and output.
 
-    LOG is CSV, MATLAB (any version), Parquet or MDF4.  Columns called t and as the tuner's
-    plant calls its signals and measured parameters (u and y; for a vehicle steer, yaw_rate
-    and speed), or similarly, need no flags.  Of a long log the best-excited stretch is used.
+    LOG is text of any layout, a spreadsheet, MATLAB, HDF5, Parquet, Feather, MDF, MCAP (ROS 2)
+    or a CAN trace with --dbc; compressed or not; /dev/stdin is a pipe.  Columns called t and as
+    the tuner's plant calls its signals and measured parameters (u and y; for a vehicle steer,
+    yaw_rate and speed), or as loggers call these, need no flags.  Of a long log the best-excited
+    stretch at a steady speed is used.
 
     Exit status: 0 usable, with care or without, 3 refused, 1 unusable data, 2 wrong usage.
     """
@@ -65,7 +67,10 @@ def command(
         tuner, trained, recording = _read(log, options, tuner)
     except SelectionError as error:
         raise click.UsageError(str(error)) from None
-    result = tuned(trained, recording, start, options.input_scale)
+    try:
+        result = tuned(trained, recording, start, options.input_scale)
+    except ValueError as error:
+        raise ValueError(f"{log}: {error}") from None
     from tuners.cli.answer import as_json
     from tuners.cli.text import as_text
 

@@ -54,7 +54,9 @@ def _read(kind: str, opened: Callable[[Any], Any], dbc: Path | None) -> Table:
     return Table(tuple(found), partial(_column, found))
 
 
-def _decode(message: Any, frame: Any, found: dict[str, tuple[list[float], list[float], str]]) -> None:
+def _decode(
+    message: Any, frame: Any, found: dict[str, tuple[list[float], list[float], str]]
+) -> None:
     values = message.decode(frame.data, decode_choices=False, allow_truncated=True)
     units = {signal.name: signal.unit or "" for signal in message.signals}
     for name, value in values.items():

@@ -103,6 +103,11 @@ def find(table: Table, plant: Plant, options: Options) -> Found:
             unit = given_units.get(key, "")
             quantities[key], words = _quantity(table, column, role, unit, suffix)
             notes += [*words, *others]
+    for key, unit in given_units.items():
+        if key not in quantities and key not in values and options.Ts is None:
+            raise SelectionError(
+                f"--{roles[key].words}-unit {unit}: the log has no column of {roles[key].words}."
+            )
     if quantities["input"].name == quantities["output"].name:
         raise SelectionError(f"Input and output are both column {quantities['input'].name}.")
     caution = _caution(roles["input"], quantities["input"].name, plant)

@@ -8,16 +8,14 @@ import numpy as np
 from tuners.logs import excitation, measured
 from tuners.logs.actuator import through_actuator
 from tuners.logs.columns import Quantity, find
-from tuners.logs.excitation import Excitation, band_of, best_stretch
+from tuners.logs.excitation import Excitation
 from tuners.logs.formats import read_table
 from tuners.logs.options import Options
 from tuners.logs.sampling import Plan, sampled
+from tuners.logs.stretch import Whole, choose
 from tuners.logs.table import Array, LogError, SelectionError, Table
-from tuners.logs.time_base import TimeBase, pace_of
+from tuners.logs.time_base import pace_of
 from yawrate_env.plant.plant import Plant
-
-LONGEST = 2.0
-"""How much of a recording is used, unless a stretch is chosen, in lengths of the experiment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +40,8 @@ class Log:
         How the input excites the plant.
     recorded_Ts : float
         Sampling time of the file [s]; `Ts` is shorter after `through_actuator`.
+    whole : Whole or None
+        The whole recording, where this is a part of it.
     """
 
     source: str
@@ -53,6 +53,7 @@ class Log:
     notes: tuple[str, ...]
     excitation: Excitation
     recorded_Ts: float
+    whole: Whole | None = None
 
     @property
     def time(self) -> Array:
@@ -100,14 +101,25 @@ def log_of(table: Table, plant: Plant, options: Options) -> Log:
 def _log(table: Table, plant: Plant, options: Options) -> Log:
     found = find(table, plant, options)
     base, signals, lost = sampled(found.quantities, _plan(found.quantities, plant, options))
-    part, chosen = _stretch(base, signals, plant, options)
+    chosen = choose(base, signals, plant, options)
+    part = chosen.part
     signals = {role: values[part] for role, values in signals.items()}
     u, y = signals.pop("input"), signals.pop("output")
     parameters, assumed = measured.parameters(plant, signals, found.values, len(u))
     excited = excitation.check(plant, u, y, parameters, base.Ts)
-    notes = (*table.notes, *lost, *found.notes, *base.notes, *chosen, *assumed, *excited.notes)
+    notes = (
+        *table.notes,
+        *lost,
+        *found.notes,
+        *base.notes,
+        *chosen.notes,
+        *assumed,
+        *excited.notes,
+    )
     t0 = float(base.grid[part.start])
-    log = Log(table.source.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts)
+    log = Log(
+        table.source.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts, chosen.whole
+    )
     return log if options.input_is == "command" else _whole_plant(log, plant)
 
 
@@ -122,34 +134,6 @@ def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
         Ts=options.Ts,
         begin=None if plant.linear else -np.inf if options.start is None else options.start,
     )
-
-
-def _stretch(
-    base: TimeBase, signals: dict[str, Array], plant: Plant, options: Options
-) -> tuple[slice, list[str]]:
-    """The chosen part, or that of the best excitation; a plant that starts at rest starts there."""
-    if options.start is not None or options.stop is not None:
-        return between(base.grid, options.start, options.stop), []
-    if not plant.linear:
-        return slice(0, len(base.grid)), []
-    steady = [signals[name] for name in plant.measured if name in signals]
-    length = LONGEST * len(plant.u) * plant.Ts
-    part, shorter = best_stretch(signals["input"], steady, base.Ts, band_of(plant), length)
-    first, last = base.grid[[part.start, part.stop - 1]]
-    return part, [f"Best-excited stretch used: {first:.2f} to {last:.2f} s."] if shorter else []
-
-
-def between(t: Array, start: float | None, stop: float | None) -> slice:
-    """The part of times (N,) that was asked for; from or to the end where nothing was."""
-    start = t[0] if start is None else start
-    stop = t[-1] if stop is None else stop
-    part = slice(*(int(i) for i in np.searchsorted(t, [start - 1e-9, stop + 1e-9])))
-    if part.stop - part.start < 2:
-        raise SelectionError(
-            f"Nothing between {start:g} and {stop:g} s: the usable recording runs from "
-            f"{t[0]:.2f} to {t[-1]:.2f} s."
-        )
-    return part
 
 
 def _whole_plant(log: Log, plant: Plant) -> Log:

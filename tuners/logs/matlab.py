@@ -82,9 +82,8 @@ def _plain(value: Any) -> Any:
 def _seconds(values: Any) -> Any:
     if values.dtype.kind not in "mM":
         return values
-    unit = np.datetime_data(values.dtype)[0]
-    ticks = values.astype(np.int64).astype(np.float64)
-    return ticks * float(np.timedelta64(1, unit) / np.timedelta64(1, "s"))
+    start = values[0] if values.dtype.kind == "M" else np.zeros(1, values.dtype)[0]
+    return (values - start) / np.timedelta64(1, "s")
 
 
 def _hdf5(content: bytes) -> Any:

@@ -18,9 +18,7 @@ def read(content: bytes) -> Table:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
     except ImportError:
-        raise LogError(
-            'MCAP files need mcap-ros2-support: pip install "yawrate[mcap]".'
-        ) from None
+        raise LogError('MCAP files need mcap-ros2-support: pip install "yawrate[mcap]".') from None
     found: dict[str, tuple[list[float], list[float]]] = {}
     try:
         factory = DecoderFactory()

@@ -142,21 +142,22 @@ def _grid(time: Array, rows: slice, y: Array | None, notes: tuple[str, ...]) -> 
     t = time[rows]
     found = _line(t)
     Ts = _rounded(found.Ts)
-    grid = t[0] + Ts * np.arange(int(found.count[-1]) + 1)
     rounded = found.jitter <= EVEN * Ts
+    start = float(t[0]) if rounded else found.start
+    grid: Array = start + Ts * np.arange(int(found.count[-1]) + 1, dtype=np.float64)
     if rounded and not found.lost:
         return TimeBase(rows, t, grid, Ts, True, notes)
     lost = f"{found.lost} sample{'s' * (found.lost > 1)} lost"
     if not rounded and y is not None and stamps.taken_when_stamped(found, y[rows]):
         words = f"Time stamps are off an even grid by up to {1e3 * found.jitter:.3g} ms"
         words += f", {lost}" * bool(found.lost) + f": resampled to {1e3 * Ts:.5g} ms."
+        grid = t[0] + Ts * np.arange(len(grid), dtype=np.float64)
         return TimeBase(rows, t, grid[grid <= t[-1]], Ts, False, (*notes, words))
     if not rounded:
         notes = (*notes, (
             f"Time stamps jitter by up to {1e3 * found.jitter:.3g} ms: the samples were taken as "
             f"evenly spaced, every {1e3 * Ts:.5g} ms."
         ))  # fmt: skip
-    grid = found.start + Ts * np.arange(len(grid)) if not rounded else grid
     if found.lost:
         notes = (*notes, f"{lost}: resampled to {1e3 * Ts:.5g} ms.")
     times = t if rounded else np.asarray(found.start + Ts * found.count)
