@@ -16,11 +16,15 @@ kernels stay readable beside the equations.  Three choices shape every kernel:
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from numba import njit
+from numba.core import caching
 
 LANES = 16
+
+_FunctionCache: Any = caching.FunctionCache  # typed in part
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -37,9 +41,31 @@ def kernel(function: _Function) -> _Function:
         "error_model": "numpy",
     }
     try:
-        return njit(cache=True, **options)(function)  # type: ignore[no-any-return]
+        compiled: Any = njit(cache=True, **options)(function)
+        compiled._cache = RebuiltCache(compiled.py_func)
+        return compiled  # type: ignore[no-any-return]
     except RuntimeError:
         return njit(**options)(function)  # type: ignore[no-any-return]
+
+
+class RebuiltCache(_FunctionCache):  # type: ignore[misc]
+    """Numba's cache on disk, begun again where its files are damaged."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled function; None if it is not there, or damaged."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # pickle raises all kinds on files that were cut short
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the compiled function, if the files can be written."""
+        try:
+            super().save_overload(sig, data)
+        except OSError:  # a full disk costs the cache only
+            return
 
 
 def inlined(function: _Function) -> _Function:
