@@ -7,6 +7,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
 from tuners.features.response import FrequencyResponse
@@ -172,6 +175,9 @@ def _task(name: str) -> Task:
     )
 
 
+_TYPES = ("float64", "float32", "int64", "uint8", "bool")
+
+
 def load(name: str | os.PathLike[str], plant: Plant | None = None) -> Tuner:
     """A tuner ready to use: by name, or from a ``.tuner`` file.  Nothing is trained.
 
@@ -214,12 +220,20 @@ def from_file(path: str | os.PathLike[str], plant: Plant | None = None) -> Tuner
     kinds[Stages.kind] = Stages
     with tuner_file.rebuilding(path):
         found = tuner_file.plant_of(path, settings, plant)
+        _check_arrays(arrays)
         method = kinds[settings["method"]].from_file(settings, arrays)
         factors = [_factors(settings, n, found) for n in ("calibration", "exact_calibration")]
         validation.instance("training", settings["training"], dict, remedy="")
         tuner = Tuner(found, method, settings["training"], *factors)
         _try(tuner)
         return tuner
+
+
+def _check_arrays(arrays: dict[str, NDArray[Any]]) -> None:
+    """``ValueError`` for arrays that no learner has: of other types, or not finite."""
+    for name, array in arrays.items():
+        if array.dtype not in _TYPES or not np.isfinite(array).all():
+            raise ValueError(f"{name} is not of finite numbers of a learner's types.")
 
 
 def _factors(settings: dict[str, Any], name: str, plant: Plant) -> tuple[float, ...]:
@@ -231,9 +245,12 @@ def _factors(settings: dict[str, Any], name: str, plant: Plant) -> tuple[float, 
 
 
 def _try(tuner: Tuner) -> None:
-    """Find gains for the mid-prior plant once; ``ValueError`` for a wrong number of gains."""
+    """Find gains for the mid-prior plant once; ``ValueError`` for none, or a wrong number."""
     plant = tuner.plant
     recording = Recording(plant.u[None], plant.respond(plant.middle), plant.Ts, plant.middle)
-    answered = tuner.method.gains(plant, recording).values.shape
-    if answered != (1, len(plant.gains)):
-        raise ValueError(f"it answers {answered[1]} gains, not {len(plant.gains)}.")
+    with np.errstate(all="ignore"):
+        answered = tuner.method.gains(plant, recording).values
+    if answered.shape != (1, len(plant.gains)):
+        raise ValueError(f"it answers {answered.shape[1]} gains, not {len(plant.gains)}.")
+    if tuner.method.kind == Stages.kind and not np.isfinite(answered).all():
+        raise ValueError("it finds no gains for a plant in the middle of its prior.")

@@ -20,10 +20,12 @@ from contextlib import suppress
 from typing import Any, TypeVar
 
 from numba import njit
-from numba.core.caching import FunctionCache
+from numba.core import caching
 from numba.core.runtime.nrt import rtsys
 
 LANES = 16
+
+_FunctionCache: Any = caching.FunctionCache  # typed in part
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -41,22 +43,34 @@ def kernel(function: _Function) -> _Function:
     }
     compiled: Any = njit(**options)(function)
     with suppress(RuntimeError):
-        compiled._cache = _Cache(function)  # type: ignore[no-untyped-call]
+        compiled._cache = _Cache(function)
     return compiled  # type: ignore[no-any-return]
 
 
-class _Cache(FunctionCache):
-    """Numba's cache, without the imports that compiling needs and loading does not.
+class _Cache(_FunctionCache):  # type: ignore[misc]
+    """Numba's cache on disk, quick to load from, and begun again where its files are damaged.
 
-    They take as long as all else that `yawrate tune` does before it reads a log; what compiles
-    imports them itself.
+    Numba's own imports what compiling needs before it loads; that takes as long as all else that
+    `yawrate tune` does before it reads a log.  What compiles imports it itself.
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The compiled code for a signature, or None."""
+        """The compiled function for a signature; None if it is not there, or damaged."""
         rtsys.initialize(target_context)
-        with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        try:
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
+        except Exception:  # pickle raises all kinds on files that were cut short
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the compiled function, if the files can be written."""
+        try:
+            super().save_overload(sig, data)
+        except OSError:  # a full disk costs the cache only
+            return
 
 
 def inlined(function: _Function) -> _Function:

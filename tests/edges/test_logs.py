@@ -57,8 +57,8 @@ def test_text_of_any_layout(path, case, layout):
 
 def test_layout_of_a_table():
     lines = ["t;steer;comment", "s;rad;", "0,0;1,5;start", "0,1;-2;", "0,2;-2;"]
-    layout = find_layout(lines)
-    assert (layout.delimiter, layout.decimal, layout.body) == (";", ",", 2)
+    layout = find_layout("\n".join(lines))
+    assert (layout.delimiter, layout.body) == (";", len("\n".join(lines[:2])) + 1)
     assert layout.units == ("s", "rad", "")
 
 

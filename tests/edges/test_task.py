@@ -52,7 +52,8 @@ def test_two_bits_are_the_shortest_episode(N, bit_time):
         (Experiment, "amplitude", 1.0),  # degrees, by mistake
         (Experiment, "bit_time", 0.0005),
         (Experiment, "snr_db", np.inf),
-        (Experiment, "snr_db", -41.0),
+        (Experiment, "snr_db", -40.0),
+        (Experiment, "N", 1e6),
         (Experiment, "register", "prbs"),
         (Target, "phase_margin", 181.0),
         (Target, "crossover", 46.0),
@@ -64,6 +65,7 @@ def test_two_bits_are_the_shortest_episode(N, bit_time):
         (Prior, "mu_s", [-0.1, 1.0]),
         (Prior, "v_x", [20, np.nan]),
         (Prior, "v_x", [30, 20]),
+        (Prior, "v_x", 1e-6),
         (Prior, "M_delta", [1, 2, 3]),
         (Prior, "M_delta", "heavy"),
     ],
@@ -76,6 +78,8 @@ def test_bad_values_are_refused_by_name(record, field, value):
 def test_bad_values_that_the_user_knows_by_other_names():
     with pytest.raises(ValueError, match="^Ts_control = 0 must be finite, above 0"):
         Target(Ts=0.0)
-    with pytest.raises(ValueError, match=r"M_0 \+ M_delta = -105 must be finite, above 0"):
+    with pytest.raises(ValueError, match="^Ts_control = 1e-09 must be finite, at least 6.6"):
+        Target(Ts=1e-9)
+    with pytest.raises(ValueError, match=r"M_0 \+ M_delta = -105 must be finite, at least 189.5"):
         Task(prior=Prior(M_delta=(-2000, 0)))
     Task(vehicle=Vehicle(M_0=2500.0), prior=Prior(M_delta=(-2000, 0)))

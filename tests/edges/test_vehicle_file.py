@@ -45,7 +45,7 @@ def test_values_arrive_and_experiment_and_target_have_defaults(edited, tmp_path)
         ("N = 10_000", "N = 1e4000", "experiment.N"),
         ("crossover = 1.5", "crossover = 60", "target.*crossover .* at most 45"),
         ("[vehicle]", "[vehicle", "TOML: .*line 4"),
-        ("M_delta = [0.0,", "M_delta = [-5e3,", "M_delta = .* above 0"),
+        ("M_delta = [0.0,", "M_delta = [-5e3,", "M_delta = .* at least 189"),
     ],
 )
 def test_mistakes_are_named_with_file_section_and_key(edited, old, new, message):

@@ -83,6 +83,31 @@ def test_a_missing_sample_holds_the_command():
     assert commands[3] == PI.run(errors[[0, 3]])[1]
 
 
+SPIKES = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(SPIKES, st.integers(0, 300), st.floats(-0.5, 0.5))
+@settings(max_examples=60)
+def test_no_single_error_takes_the_controller_to_the_opposite_limit(spike, after, before):
+    """What follows is as without the spike, or nearer to its own limit."""
+    errors = np.full(after + 400, 0.0)
+    errors[:after] = 0.1 * before
+    with_spike = np.insert(errors, after, spike)
+    plain, hit = PI.run(errors)[after:], PI.run(with_spike)[after + 1 :]
+    assert np.isfinite(hit).all()
+    towards = np.sign(spike) * (hit - plain)
+    assert (towards >= -1e-9).all()
+    assert (np.abs(hit) <= max(abs(PI.low), PI.high)).all()
+
+
+def test_an_absurd_error_leaves_no_trace_but_the_limit():
+    """A step of 1.7e308 and zeros: the limit, and then what an error of that size may add."""
+    pi = DigitalPI(10.0, 1.0, 0.01, -1.0, 1.0)
+    commands = pi.run(np.array([1.7e308, *np.zeros(5), -1e6, *np.zeros(5)]))
+    assert commands[0] == pi.high and commands[6] == pi.low
+    assert (np.abs(commands[[1, 2, 3, 4, 5, 7, 8, 9]]) < pi.high).all()
+
+
 # C
 
 
@@ -104,9 +129,10 @@ def test_golden_vectors_reach_both_limits_and_notice_a_wrong_controller(tmp_path
     assert "NAN" in golden and "INFINITY" in golden
     assert passes(written(tmp_path, files), "lane_keeping")
     mistakes = {
-        "STEP * error": "STEP",
+        "STEP * counted": "STEP",
         "TRACKING *": "0.9 * TRACKING *",
-        "> HIGH": "> 0.9 * HIGH",
+        "unlimited, LOW, HIGH": "unlimited, LOW, 0.9 * HIGH",
+        "(before < HIGH) ? before : HIGH": "LOW",
         "isfinite(error) != 0": "error < 1e9",
     }
     assert notices(tmp_path, "lane_keeping.c", mistakes, "lane_keeping")

@@ -149,7 +149,7 @@ def test_the_first_stage_takes_recordings_of_any_length(tmp_path):
     export(tuner, "c", tmp_path)
     for part in ("tuner", "laguerre"):
         header = (tmp_path / f"yawrate_{part}.h").read_text()
-        assert "48 samples or more" in header and f"a state of {8 * 25**2} bytes" in header
+        assert "48 samples or more" in header and f"a state of {8 * 25**2 + 8} bytes" in header
     inputs, outputs = (np.tile(signals[7], 4) for signals in (u, y))
     counts = (48, 500, 2000)
     gains, _ = answers(tmp_path, ([[n], np.stack([inputs, outputs], axis=1)[:n].ravel()]
@@ -160,6 +160,9 @@ def test_the_first_stage_takes_recordings_of_any_length(tmp_path):
             inputs[None, :n], outputs[None, :n], tuner.plant.Ts, nothing
         )
         np.testing.assert_allclose(found, tuner.plant.parametrisation.decode(values)[0], rtol=RTOL)
+    short = [[47], np.stack([inputs, outputs], axis=1)[:47].ravel()]
+    none, status = answers(tmp_path, [short])
+    assert np.isnan(none).all() and status[0] == Status.UNREACHABLE
     with pytest.raises(ValueError, match="47 samples"):
         tuner.method.features(u[7:8, :47], y[7:8, :47], tuner.plant.Ts)
 
@@ -167,7 +170,7 @@ def test_the_first_stage_takes_recordings_of_any_length(tmp_path):
 def test_golden_vectors_notice_a_wrong_tuner(tmp_path):
     program = tuner_program(trained("measured"))
     header = program["yawrate_tuner.h"]
-    assert f"a state of {8 * 9**2} bytes" in header and "bytes of constants" in header
+    assert f"a state of {8 * 9**2 + 8} bytes" in header and "bytes of constants" in header
     assert "T, slope" in header and "YAWRATE_TUNER_GAINS 3" in header
     written(tmp_path, program)
     mistakes = {"tanh(sum)": "sum", "log(measured[0])": "measured[0]", "* x[other]": "* x[i]",

@@ -252,6 +252,21 @@ def test_a_file_or_a_foreign_folder_is_refused(tmp_path):
             made(out)
 
 
+def test_files_of_others_in_a_data_set_are_refused(partial):
+    shard = next(partial.glob("shard-*.parquet"))
+    makers = {
+        "notes.txt": lambda path: path.write_text("precious"),
+        "more": lambda path: path.mkdir(),
+        "link.parquet": lambda path: path.symlink_to(shard),
+    }
+    for name, make in makers.items():
+        make(partial / name)
+        with pytest.raises(DatasetError, match=name):
+            made(partial)
+        (partial / name).rmdir() if name == "more" else (partial / name).unlink()
+    made(partial)
+
+
 def test_a_folder_is_written_by_one_process(partial):
     before = set(partial.iterdir())
     with FileLock(partial / ".lock"), refused(partial, "being written by another process"):

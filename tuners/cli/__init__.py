@@ -4,8 +4,10 @@ Arguments, text, JSON, progress bars and the report.  What a program would call 
 in the library, which neither prints nor exits.
 """
 
+import logging
 import os
 import sys
+import warnings
 from importlib import import_module
 from typing import Any
 
@@ -101,3 +103,11 @@ def _version(ctx: click.Context, param: click.Parameter, value: bool) -> None:
 )
 def main() -> None:
     """Tune a controller from one recording of a plant's input and output."""
+
+
+def run() -> None:
+    """Run the command as a program: stderr is for its own errors, not for libraries' warnings."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    logging.getLogger().addHandler(logging.NullHandler())
+    main(prog_name="yawrate")

@@ -1,5 +1,5 @@
 """``python -m tuners.cli`` is ``yawrate``."""
 
-from tuners.cli import main
+from tuners.cli import run
 
-main(prog_name="yawrate")
+run()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tuners.logs import Log, LogError, MissingParameterError, Options, read_log
+from tuners.logs import Log, MissingParameterError, Options, log_of, read_table
 from tuners.tuner.recording import Recording
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -59,18 +59,14 @@ def read_each(paths: Sequence[Path], plant: Plant, options: Options) -> list[Log
 
 
 def _read(path: Path, plant: Plant, options: Options) -> Log:
+    table = read_table(path, options.dbc)
     columns_first = replace(options, values={}) if plant.measured_names else options
     try:
-        try:
-            return read_log(path, plant, columns_first)
-        except MissingParameterError:
-            if not options.values:
-                raise
-            return read_log(path, plant, options)
-    except LogError as error:
-        message = str(error)
-        named = message if message.startswith(str(path)) else f"{path}: {message}"
-        raise type(error)(named) from None
+        return log_of(table, plant, columns_first)
+    except MissingParameterError:
+        if not options.values:
+            raise
+        return log_of(table, plant, options)
 
 
 def wanted(plant: Plant, options: Options) -> dict[str, float] | None:

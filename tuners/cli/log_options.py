@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from tuners.cli.arguments import ASSIGNMENT, NONZERO, NUMBER, POSITIVE
+from tuners.cli.arguments import ASSIGNMENT, NONZERO, NUMBER, POSITIVE, READABLE
 from tuners.logs import Options
 from yawrate_env.signals.hold import HOLDS
 
@@ -35,6 +35,8 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
         units = {role: given.pop(f"{role}_unit") for role in ROLES}
         _check_time(given["Ts"], columns["time"], units["time"])
         _check_hold(given["input_is"], given["between"])
+        _check_stretch(given["begin"], given["end"])
+        _check_scales(given)
         values = {SPEED: given.pop("speed")}
         measured = _once(given.pop("measured"), _given(columns) | _given(values))
         columns |= {name: value for name, value in measured.items() if isinstance(value, str)}
@@ -58,6 +60,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
             input_is=given.pop("input_is"),
             drove=None if drove[0] is None else drove,
             between=given.pop("between"),
+            dbc=given.pop("dbc"),
         )
         return command(options=options, **given)
 
@@ -87,6 +90,27 @@ def _check_hold(input_is: str, between: str | None) -> None:
             "--input-is measured and --input-between held contradict each other: an actuator's "
             "measured position is joined by lines. Leave out one of the two."
         )
+
+
+def _check_stretch(begin: float | None, end: float | None) -> None:
+    """Refuse a stretch that ends before it begins."""
+    if begin is not None and end is not None and not begin < end:
+        raise click.UsageError(f"--from {begin:g} must lie before --to {end:g}.")
+
+
+def _check_scales(given: Mapping[str, Any]) -> None:
+    """Refuse scales that would undo each other, or count twice."""
+    if given["steer_ratio"] != 1 and given["input_scale"] != 1:
+        raise click.UsageError(
+            f"--steer-ratio {given['steer_ratio']:g} and --input-scale {given['input_scale']:g} "
+            "both scale the input. Leave out one of the two."
+        )
+    for signal in ("input", "output"):
+        if given[f"flip_{signal}"] and given[f"{signal}_scale"] < 0:
+            raise click.UsageError(
+                f"--flip-{signal} and --{signal}-scale {given[f'{signal}_scale']:g} undo each "
+                "other's sign. Leave out one of the two."
+            )
 
 
 def _once(
@@ -152,6 +176,7 @@ def _options() -> list[Decorator]:
                "no reference: that is then rebuilt.  In the plant's units, as kp in the answer."),
         option("--old-Ti", "old_ti", type=POSITIVE, help="Ti of that PI [s]."),
         option("--Ts", "Ts", type=POSITIVE, help="Sampling time [s], instead of a column."),
+        option("--dbc", type=READABLE, help="File of the signals in a CAN trace (BLF, ASC)."),
         option("--from", "begin", type=NUMBER, help="Use the log from this time on [s]."),
         option("--to", "end", type=NUMBER, help="Use the log up to this time [s]."),
     ]  # fmt: skip

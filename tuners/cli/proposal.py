@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from tuners.cli.text import displayed, levels, metric_name, quantity, unit_of
 from tuners.logs.excitation import SHORTEST
-from tuners.logs.log import LONGEST as STRETCH
+from tuners.logs.stretch import LONGEST as STRETCH
 from tuners.trust.forecast import Forecast, forecast
 from tuners.trust.proposal import (
     WAYS,

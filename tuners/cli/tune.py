@@ -60,9 +60,11 @@ def command(
 ) -> None:
     """Tune a controller from a LOG of a plant's input and output.
 
-    LOG is CSV, MATLAB (any version), Parquet or MDF4.  Columns called t and as the tuner's
-    plant calls its signals and measured parameters (u and y; for a vehicle steer, yaw_rate
-    and speed), or similarly, need no flags.  Of a long log the best-excited stretch is used.
+    LOG is text of any layout, a spreadsheet, MATLAB, HDF5, Parquet, Feather, MDF, MCAP (ROS 2)
+    or a CAN trace with --dbc; compressed or not; /dev/stdin is a pipe.  Columns called t and as
+    the tuner's plant calls its signals and measured parameters (u and y; for a vehicle steer,
+    yaw_rate and speed), or as loggers call these, need no flags.  Of a long log the best-excited
+    stretch at a steady speed is used.
 
     Several LOGs, or a folder of them, are of one plant: their information adds up, and a log
     that disagrees with the others is named.  The gains are for the speed that they have in

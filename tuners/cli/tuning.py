@@ -8,7 +8,7 @@ import click
 
 from tuners.cli.log_files import read_each, recordings, wanted
 from tuners.cli.sources import load_tuner
-from tuners.logs import Log, MissingParameterError, Options, read_log
+from tuners.logs import Log, MissingParameterError, Options, log_of, read_table
 from tuners.trust.black_box import STARTS
 from tuners.tuner.result import Result
 from tuners.tuner.tuner import Tuner
@@ -39,13 +39,14 @@ def tuner_and_log(
     """The tuner's name, the tuner and a log; by default the one that the log suffices for."""
     chosen = name or DEFAULT
     trained = load(chosen)
+    table = read_table(path, options.dbc)
     try:
-        return chosen, trained, read_log(path, trained.plant, options)
+        return chosen, trained, log_of(table, trained.plant, options)
     except MissingParameterError:
         if name is not None:
             raise
     trained = load(WITHOUT)
-    return WITHOUT, trained, read_log(path, trained.plant, options)
+    return WITHOUT, trained, log_of(table, trained.plant, options)
 
 
 def several_logs(
@@ -87,10 +88,13 @@ def tuned(tuner: Tuner, log: Log, start: str, input_scale: float) -> Result:
     def tune(u: Array, y: Array, measured: dict[str, Array]) -> Result:
         return tuner.tune(u, y, log.Ts, measured, start, log.input)
 
-    if log.reference is None:
-        result = tune(log.u, log.y, log.measured)
-        advice = hints(tune, log, result, input_scale)
-    else:
-        result = tuner.tune(log.u, log.y, log.Ts, log.measured, start, log.input, log.reference)
-        advice = ()
+    try:
+        if log.reference is None:
+            result = tune(log.u, log.y, log.measured)
+            advice = hints(tune, log, result, input_scale)
+        else:
+            result = tuner.tune(log.u, log.y, log.Ts, log.measured, start, log.input, log.reference)
+            advice = ()
+    except ValueError as error:
+        raise ValueError(f"{log.source}: {error}") from None
     return replace(result, notes=(*log.notes, *result.notes, *advice))

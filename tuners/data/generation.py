@@ -153,12 +153,22 @@ def _begun(
             f"{folder} holds another data set: {other}. Name a new folder, or use its settings."
         )
     found.check_shards(folder, recipe)
+    _check_own(folder, recipe)
     wrong = damage(folder, found, progress)
     if wrong:
         raise DatasetError(f"{'; '.join(wrong)}. Delete what is damaged: it will be made again.")
     if found is not before:
         found.write(folder)  # before a longer shard takes the place of a shorter one
     return replace(found, shards=tuple(s for s in found.shards if (folder / s.file).exists()))
+
+
+def _check_own(folder: Path, recipe: Configuration) -> None:
+    """Refuse a folder with files of others, links or folders in it."""
+    own = {manifest.FILE, *(shard.file for shard in recipe.shards())}
+    for path in sorted(folder.iterdir()):
+        if path.name not in own or path.is_symlink() or not path.is_file():
+            what = "a link" if path.is_symlink() else "a folder" if path.is_dir() else "foreign"
+            raise DatasetError(f"{path} is {what}. Move it away, or name a new folder.")
 
 
 def _with(found: Manifest, shard: Shard, content: bytes, folder: Path) -> Manifest:

@@ -5,8 +5,10 @@
 
 with n1 = kp (1 + Ts/(2 Ti)) and n0 = kp/Ti: between the limits this is exactly the Tustin PI
 of `yawrate_env.loop.controller`.  At a limit the last term (Astrom and Hagglund, *Advanced PID
-Control*, section 3.5) lets the state follow what the actuator does, with time constant Tt.
-An error that is not finite holds the last output.
+Control*, section 3.5) lets the state follow what the actuator does, with time constant Tt; the
+state stays between where it was and the limit, so that no single error, however large, takes it
+to the opposite one.  Errors count up to `largest`, which saturates the output a thousand times
+over: whatever is finite leaves the state finite.  One that is not holds the last output.
 """
 
 from dataclasses import dataclass
@@ -21,6 +23,7 @@ from yawrate_env.plant.names import split
 Array = NDArray[np.float64]
 
 SLOWEST = 1e3  # [s]
+SATURATED = 1e3  # the largest error's part in the output, in distances of the limits
 _LEAST, _LARGEST = (float(x) for x in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
 
 
@@ -60,7 +63,7 @@ class DigitalPI:
                 f"limits = [{self.low:g}, {self.high:g}] must have low below high. "
                 f"Give the least and the largest command in {self.units[0]}."
             )
-        for name in ("gain", "step", "tracking", "low", "high"):
+        for name in ("gain", "step", "tracking", "largest", "low", "high"):
             size = abs(getattr(self, name))
             least = 0.0 if name in ("low", "high") and size == 0.0 else _LEAST
             validation.number(
@@ -90,6 +93,11 @@ class DigitalPI:
         """Ts/Tt; Tt is the integral time, or the sampling time where that is longer."""
         return self.Ts / max(self.Ti, self.Ts)
 
+    @property
+    def largest(self) -> float:
+        """Size of error up to which errors count."""
+        return SATURATED * (self.high - self.low) / max(self.gain, self.step)
+
     def difference_equation(self) -> tuple[list[float], list[float]]:
         """(b, a) of ``a0 u[k] + a1 u[k-1] = b0 e[k] + b1 e[k-1]``, without limits."""
         return [self.gain, self.step - self.gain], [1.0, -1.0]
@@ -104,15 +112,23 @@ class DigitalPI:
             the first command.
         """
         output = min(max(start[1], self.low), self.high)
-        state = output - self.gain * start[0]
+        state = output - self.gain * self._counted(start[0])
         commands = np.empty(len(errors))
         for k, error in enumerate(errors):
             if np.isfinite(error):
+                error = self._counted(error)
                 unlimited = self.gain * error + state
                 output = min(max(unlimited, self.low), self.high)
-                state += self.step * error + self.tracking * (output - unlimited)
+                moved = state + self.step * error + self.tracking * (output - unlimited)
+                if output != unlimited:
+                    least, most = min(state, output), max(state, output)
+                    moved = min(max(moved, least), most)
+                state = moved
             commands[k] = output
         return commands
+
+    def _counted(self, error: float) -> float:
+        return min(max(error, -self.largest), self.largest)
 
     def _coefficients(self) -> tuple[Array, Array]:
         return controller.pi_coefficients(np.asarray(self.kp), np.asarray(self.Ti), self.Ts)

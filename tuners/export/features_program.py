@@ -73,8 +73,8 @@ def sizes(stage: OnLaguerre) -> dict[str, int]:
             solved, constants, least = n, 1 + n * features, 10 * n
     return {
         "least_samples": least,
-        "state_size": 8 * (n + 1) ** 2,
-        "constant_size": 8 * (3 + constants),
+        "state_size": 8 * (n + 1) ** 2 + 8,
+        "constant_size": 8 * (4 + constants),
         "stack_size": 8 * solved * (solved + 4),
     }
 

@@ -40,7 +40,7 @@ def pi_program(pi: DigitalPI, *, real: str = "double", name: str = "yawrate_pi")
 def golden_errors(pi: DigitalPI) -> tuple[NDArray[np.float64], tuple[float, float]]:
     """Errors (240,) that reach every branch of the program, and (error, command) at the start.
 
-    Linear operation, both limits, the return from each, and missing samples.
+    Linear operation, both limits, the return from each, missing samples and absurd ones.
     """
     size = (pi.high - pi.low) / (8 * pi.gain)
     errors = size * np.random.default_rng(0).uniform(-1, 1, 240)
@@ -48,4 +48,5 @@ def golden_errors(pi: DigitalPI) -> tuple[NDArray[np.float64], tuple[float, floa
     errors[60:110] = 12 * size
     errors[130:190] = -12 * size
     errors[[20, 21, 80, 150]] = np.nan, np.inf, -np.inf, np.nan
+    errors[[40, 120, 200]] = 1e6 * size, -3e38, 3e38
     return errors, (float(errors[0]), pi.low + 0.6 * (pi.high - pi.low))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tuners.learners.batches import Batches, Progress
 from yawrate_env.compiled import cores
+from yawrate_env.validation import finite_array
 
 Array = NDArray[np.float64]
 
@@ -146,9 +147,11 @@ class GBM:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray[Any]]) -> Self:
-        """Rebuild from `arrays`."""
+        """Rebuild from `arrays`, or ``ValueError`` where these do not go together."""
         import xgboost
 
+        targets = len(finite_array("mean", arrays["mean"], shape=(None,)))
+        finite_array("scale", arrays["scale"], shape=(targets,))
         models = []
         for k in range(len(arrays["mean"])):
             model = xgboost.Booster()

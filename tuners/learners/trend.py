@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tuners.learners import feedforward, gbm
 from tuners.learners.batches import Batches, Progress
+from yawrate_env.validation import count, finite_array
 
 Array = NDArray[np.float64]
 
@@ -105,7 +106,7 @@ class Trend:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray[Any]]) -> Self:
-        """Rebuild from `arrays`."""
+        """Rebuild from `arrays`, or ``ValueError`` where these do not go together."""
         own, rest, name = {}, {}, ""
         for key, array in arrays.items():
             if key.startswith("rest."):
@@ -113,7 +114,11 @@ class Trend:
                 rest[inner] = array
             else:
                 own[key] = array
-        degree = int(own.pop("degree").item())
+        degree = count("degree", int(own.pop("degree").item()), at_most=2)
+        n, k = np.shape(finite_array("matrix", own["matrix"], shape=(None, None)))
+        monomials = 1 + k + (k * (k + 1) // 2 if degree == 2 else 0)
+        finite_array("mean", own["mean"], shape=(n,))
+        finite_array("coefficients", own["coefficients"], shape=(monomials, None))
         return cls(**own, degree=degree, rest=_RESTS[name].from_arrays(rest))
 
 

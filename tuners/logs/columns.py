@@ -9,18 +9,20 @@ name of its signal: ``speed [rad/s]``.  Where that has none, numbers are taken a
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from tuners.logs import units
+import numpy as np
+
+from tuners.logs import names, units
 from tuners.logs.options import Options
+from tuners.logs.stamps import epoch_unit
 from tuners.logs.table import Array, LogError, SelectionError, Table
+from tuners.tuner.recording import STEADY
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 
 T = TypeVar("T", str, float)
-
-_TIME = "t time timestamp timestamps times sec seconds zeit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,10 @@ class Role:
         What to give where its unit is not understood.
     scale : float
         What the column is multiplied by, once it is in the unit.
+    own : int
+        How many of the names are the plant's own; others are synonyms.
+    warned : tuple of str
+        Synonyms that the plant warns of.
     """
 
     key: str
@@ -47,6 +53,8 @@ class Role:
     names: tuple[str, ...]
     remedy: str
     scale: float = 1.0
+    own: int = 1
+    warned: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,35 +99,51 @@ def find(table: Table, plant: Plant, options: Options) -> Found:
         if key in values:
             values[key] = _value(values[key], given_units.get(key, ""), role)
             continue
-        column = _column(role, columns.get(key), table)
+        column, others = _column(role, columns.get(key), table)
         if column is not None:
-            quantities[key], words = _quantity(table, column, role, given_units.get(key, ""))
-            notes += words
+            suffix = next((c.match.suffix for c in candidates(role, [column])), "")
+            unit = given_units.get(key, "")
+            quantities[key], words = _quantity(table, column, role, unit, suffix)
+            notes += [*words, *others]
+    for key, unit in given_units.items():
+        if key not in quantities and key not in values and options.Ts is None:
+            raise SelectionError(
+                f"--{roles[key].words}-unit {unit}: the log has no column of {roles[key].words}."
+            )
     if quantities["input"].name == quantities["output"].name:
         raise SelectionError(f"Input and output are both column {quantities['input'].name}.")
     if "reference" in quantities and quantities["reference"].name == quantities["output"].name:
         raise SelectionError(f"Reference and output are both column {quantities['output'].name}.")
-    caution = plant.cautions.get(_plain(quantities["input"].name))
-    if caution is not None and abs(options.input_scale) == 1:
+    caution = _caution(roles["input"], quantities["input"].name, plant)
+    if caution and abs(options.input_scale) == 1:
         notes.append(f"Column {quantities['input'].name} {caution}")
     return Found(quantities, values, tuple(notes))
 
 
+def _caution(role: Role, column: str, plant: Plant) -> str:
+    """What the plant says of a column of such a name."""
+    if not any(c.match.kind == names.WARNED for c in candidates(role, [column])):
+        return ""
+    said = set(names.words(names.bare(column)))
+    return next((text for name, text in plant.cautions.items() if {*names.words(name)} <= said), "")
+
+
 def _roles(plant: Plant, options: Options) -> Iterator[Role]:
-    yield Role("time", "time", "s", tuple(_TIME.split()), "--time-unit")
+    yield Role("time", "time", "s", ("time", "t"), "--time-unit", own=2)
+    warned = tuple(" ".join(names.words(name)) for name in plant.cautions)
     scales = options.input_scale, options.output_scale
     for key, signal, short, scale in zip(
         ("input", "output"), plant.signals, "uy", scales, strict=True
     ):
-        names = (split(signal)[0], *plant.synonyms.get(key, ()), short)
-        yield Role(key, *split(signal), names, f"--{key}-unit", scale)
+        called = (split(signal)[0], *plant.synonyms.get(key, ()), short)
+        yield Role(key, *split(signal), called, f"--{key}-unit", scale, 1, warned)
     unit = split(plant.signals[1])[1]
     yield Role("reference", "the reference", unit, (), "--output-unit", options.output_scale)
     for key in plant.measured:
         words, unit = split(plant.label(key))
-        names = (split(key)[0], words, *plant.synonyms.get(key, ()))
+        called = (words, split(key)[0], *plant.synonyms.get(key, ()))
         said = words if words.isidentifier() else key
-        yield Role(key, words, unit, names, f"--measured {said}=VALUE")
+        yield Role(key, words, unit, called, f"--measured {said}=VALUE", own=2)
 
 
 def _by_role(given: Mapping[str, T], roles: dict[str, Role]) -> dict[str, T]:
@@ -148,36 +172,143 @@ def _check_given(columns: dict[str, str], values: dict[str, float], plant: Plant
             raise SelectionError(f"{key} is given twice, as a value and as a column.")
 
 
-def _column(role: Role, given: str | None, table: Table) -> str | None:
-    """The column that the user chose, or that has one of the role's names."""
+def _column(role: Role, given: str | None, table: Table) -> tuple[str | None, list[str]]:
+    """The column that the user chose, or that has one of the role's names; and notes."""
     if given is not None:
-        return named(given, role.words, table.names)
-    column = recognised(role, table.names)
-    if column is None and role.key in ("input", "output"):
+        return named(given, role.words, table.names), []
+    ranked = candidates(role, table.names)
+    if not ranked:
+        if role.key in ("input", "output"):
+            raise LogError(
+                f"No column looks like {role.words}; there are {listed(table.names)}. "
+                f"Name one with --{role.key}-column."
+            )
+        return None, []
+    first = ranked[0]
+    equal = [c for c in ranked if c.match == first.match or _repeats(c.name, first.name)]
+    equal = _different(equal, table) if len(equal) > 1 and role.key != "time" else equal[:1]
+    if len(equal) > 1:
         raise LogError(
-            f"No column looks like {role.words}; there are {listed(table.names)}. "
-            f"Name one with --{role.key}-column."
+            f"Columns {listed([c.name for c in equal])} all look like {role.words}. "
+            f"Name one with {_flag(role)}."
         )
-    return column
+    others = [c for c in ranked if c.match.kind <= names.UNSURE and c.name != first.name]
+    if role.key == "time" or not others:
+        return first.name, []
+    return first.name, _second(role, first, _different([first, *others], table)[1:], table)
 
 
-def recognised(role: Role, columns: Sequence[str]) -> str | None:
-    """The first column of the role's first name that has one, with a unit or not."""
-    for name in map(_plain, role.names):
-        for column in columns:
-            if _plain(column) == name:
-                return column
-        for column in columns:
-            if _suffix(column, name, role.unit):
-                return column
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A column that a role may mean, and the name that it has without a unit at its end."""
+
+    name: str
+    match: names.Match
+
+
+def candidates(role: Role, columns: Sequence[str]) -> list[Candidate]:
+    """Columns that have one of a role's names, the likeliest first; no other kind of unit."""
+    phrases = tuple(dict.fromkeys(map(names.words, role.names)))
+    found = []
+    for column in columns:
+        match = names.match(_last(column), phrases, role.own, role.warned)
+        whole = names.match(column, phrases, role.own, role.warned)
+        match = min((m for m in (match, whole) if m is not None), default=None)
+        if match is None or match.kind == names.UNSURE:
+            with_unit = _with_suffix(column, role, phrases)
+            match = with_unit or match
+        if match is not None and not (match.kind == names.VAGUE and _foreign(column, role)):
+            found.append(Candidate(column, match))
+    return sorted(found, key=lambda c: (c.match.kind, c.match.order, c.match.extra))
+
+
+def _with_suffix(
+    column: str, role: Role, phrases: tuple[tuple[str, ...], ...]
+) -> names.Match | None:
+    """The same for a name that ends in a unit of the role's kind: ``yawRateDps``, ``v_km_h``."""
+    name = names.bare(column)
+    starts = [found.start() for found in re.finditer(r"(?<=[_\W])\w|(?<=[a-z0-9])[A-Z]", name)]
+    for start in starts[:-4:-1]:
+        match = names.match(name[:start], phrases, role.own, role.warned)
+        said = name[start:]
+        symbol = len(re.sub(r"[\W_]", "", name[:start])) == 1 and len(said) == 1
+        if match is None or not role.unit:
+            continue
+        if said == role.unit or (not symbol and units.alike(said, role.unit)):
+            return replace(match, suffix=said)
     return None
+
+
+def _foreign(column: str, role: Role) -> bool:
+    """Whether a column states a unit that measures something else: ``y(m)`` is no yaw rate."""
+    said = units.stated(column, "")
+    return bool(said and role.unit) and units.known(said) and not units.alike(said, role.unit)
+
+
+def _repeats(name: str, first: str) -> bool:
+    """Whether a name is another's with the number that sets repeated names apart."""
+    return bool(re.fullmatch(re.escape(first) + r"_\d+", name))
+
+
+def _different(equal: list[Candidate], table: Table) -> list[Candidate]:
+    """Candidates whose values are not those of an earlier one; columns without any are left out."""
+    kept: list[tuple[Candidate, Array]] = []
+    for candidate in equal:
+        try:
+            values = table.column(candidate.name).values
+        except LogError:
+            continue
+        if np.isfinite(values).any() and not any(_same(values, others) for _, others in kept):
+            kept.append((candidate, values))
+    return [candidate for candidate, _ in kept] or equal[:1]
+
+
+def _same(a: Array, b: Array) -> bool:
+    if a.shape != b.shape:
+        return False
+    both = np.isfinite(a) & np.isfinite(b)
+    return bool(both.any()) and bool(np.allclose(a[both], b[both], rtol=1e-3))
+
+
+def _second(role: Role, first: Candidate, others: list[Candidate], table: Table) -> list[str]:
+    """A note on columns that were passed over."""
+    if not others:
+        return []
+    if role.key in ("input", "output"):
+        also = listed([c.name for c in others])
+        return [f"Column {first.name} was taken as {role.words}; {also} may be meant too."]
+    means = {c.name: _mean(c, role, table) for c in (first, *others)}
+    chosen = means.pop(first.name)
+    apart = {n: m for n, m in means.items() if not abs(m - chosen) <= STEADY * abs(chosen)}
+    said = ", ".join(f"{name} {mean:.3g}" for name, mean in apart.items())
+    return (
+        [
+            f"Columns contradict each other on {role.words}: {first.name} {chosen:.3g}, which is "
+            f"used, and {said}."
+        ]
+        if apart
+        else []
+    )
+
+
+def _mean(candidate: Candidate, role: Role, table: Table) -> float:
+    found, _ = _quantity(table, candidate.name, role, "", candidate.match.suffix)
+    known = found.values[np.isfinite(found.values)]
+    return float(known.mean()) if len(known) else math.nan
+
+
+def _flag(role: Role) -> str:
+    if role.key in ("time", "input", "output"):
+        return f"--{role.key}-column"
+    word = role.words if role.words.isidentifier() else role.key
+    return f"--measured {word}=COLUMN"
 
 
 def named(given: str, words: str, columns: Sequence[str]) -> str:
     """The column that the user means by a name, with its unit or not, or a number from 1."""
     if given in columns:
         return given
-    whole = [column for column in columns if _bare(column) == given]
+    whole = [column for column in columns if names.bare(column) == given]
     if len(whole) == 1:
         return whole[0]
     if given.isdecimal() and 1 <= int(given) <= len(columns):
@@ -185,20 +316,15 @@ def named(given: str, words: str, columns: Sequence[str]) -> str:
     raise SelectionError(f"No column {given!r} for {words}; there are {listed(columns)}.")
 
 
-def listed(names: Sequence[str], most: int = 12) -> str:
+def listed(columns: Sequence[str], most: int = 12) -> str:
     """Names in one line, not too many."""
-    first = ", ".join(names[:most])
-    return f"{first} and {len(names) - most} more" if len(names) > most else first
-
-
-def _bare(column: str) -> str:
-    """A column's name without its unit in brackets."""
-    return re.sub(r"\[.*?\]|\(.*\)", "", column).strip()
+    first = ", ".join(columns[:most])
+    return f"{first} and {len(columns) - most} more" if len(columns) > most else first
 
 
 def _last(column: str) -> str:
     """The same without the structure that it is a field of: ``log.speed [m/s]`` is ``speed``."""
-    return _bare(column).rpartition(".")[2] or _bare(column)
+    return names.bare(column).rpartition(".")[2] or names.bare(column)
 
 
 def _plain(column: str) -> str:
@@ -206,27 +332,33 @@ def _plain(column: str) -> str:
     return re.sub(r"[\W_]", "", _last(column).lower())
 
 
-def _suffix(column: str, name: str, unit: str) -> str:
-    """The unit in ``speed_rpm`` for ``speed`` in a unit; a symbol's may be an index."""
-    parts = _last(column).split("_")
-    for k in range(1, len(parts)):
-        said = "_".join(parts[k:])
-        known = said == unit or (len(name) > 1 or len(said) > 1) and unit
-        if _plain("_".join(parts[:k])) == name and known and units.alike(said, unit):
-            return said
-    return ""
-
-
-def _quantity(table: Table, column: str, role: Role, given: str) -> tuple[Quantity, list[str]]:
+def _quantity(
+    table: Table, column: str, role: Role, given: str, suffix: str = ""
+) -> tuple[Quantity, list[str]]:
     """A column in the role's unit, and what was done to it."""
     read = table.column(column)
-    said = given or units.stated(column, read.unit)
-    if not said and role.unit and _plain(column) not in map(_plain, role.names):
-        said = next((s for n in role.names if (s := _suffix(column, _plain(n), role.unit))), "")
+    said = given or units.stated(column, read.unit) or suffix
+    if read.clock:
+        _check_clock(column, role, given)
+        return Quantity(column, read.values, read.time), list(read.notes)
+    if role.key == "time" and not said:
+        said, epoch = epoch_unit(read.values)
+        read = replace(read, notes=(*read.notes, *epoch))
     (factor, offset), notes = _conversion(column, said, given, role)
     if role.scale != 1 and notes:
         notes.append(f"Column {column} was then multiplied by {role.scale:g}.")
-    return Quantity(column, role.scale * (factor * read.values + offset), read.time), notes
+    values = role.scale * (factor * read.values + offset)
+    return Quantity(column, values, read.time), [*read.notes, *notes]
+
+
+def _check_clock(column: str, role: Role, given: str) -> None:
+    """Refuse times of day as signals, and a unit of theirs."""
+    if role.key != "time":
+        raise LogError(f"Column {column} for {role.words} holds times, no numbers.")
+    if given:
+        raise SelectionError(
+            f"--time-unit {given}: column {column} holds clock times. Leave it out."
+        )
 
 
 def _conversion(

@@ -5,13 +5,12 @@ the plant's experiment.  Recordings without information are refused; weak excita
 the tuner's intervals show its cost.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tuners.logs.table import Array, LogError
-from tuners.tuner.recording import STEADY
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 
@@ -128,37 +127,6 @@ def _check_plausible(plant: Plant, u: Array, y: Array) -> None:
             )
 
 
-def best_stretch(
-    u: Array, steady: Sequence[Array], Ts: float, band: Band | None, length: float
-) -> tuple[slice, bool]:
-    """The `length` [s] of most power, and whether it is less than everything.
-
-    Where there is a stretch over which all measured parameters stay within 5 %, only such are
-    considered.
-
-    Parameters
-    ----------
-    u : (N,) float64
-        Input.
-    steady : sequence of (N,) float64
-        Measured parameters.
-    band : tuple of float or None
-        Where its power counts [Hz]; None counts all that varies.
-    """
-    samples = round(length / Ts)
-    if len(u) <= samples:
-        return slice(0, len(u)), False
-    moving = u - u.mean()
-    if band is not None:
-        moving = in_band(moving, Ts, band)
-    power = _variance(moving, samples)
-    allowed = np.ones(len(power), dtype=np.bool_)
-    for values in steady:
-        allowed &= _variance(values, samples) < (STEADY / 2 * _windowed(values, samples)) ** 2
-    start = int(np.argmax(np.where(allowed, power, -1.0) if allowed.any() else power))
-    return slice(start, start + samples), True
-
-
 def _still(x: Array) -> bool:
     return bool(np.ptp(x) <= _STILL * np.abs(x).max())
 
@@ -167,12 +135,7 @@ def _changes(u: Array) -> int:
     return int(np.count_nonzero(np.diff(u > (u.max() + u.min()) / 2)))
 
 
-def _variance(x: Array, samples: int) -> Array:
-    """Running variances over `samples`."""
-    return np.asarray(_windowed(x**2, samples) - _windowed(x, samples) ** 2)
-
-
-def _windowed(x: Array, samples: int) -> Array:
+def windowed(x: Array, samples: int) -> Array:
     """Running means over `samples`."""
     sums = np.concatenate([[0.0], np.cumsum(x)])
     return np.asarray((sums[samples:] - sums[:-samples]) / samples)

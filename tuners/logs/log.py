@@ -8,16 +8,14 @@ import numpy as np
 from tuners.logs import excitation, measured
 from tuners.logs.actuator import through_actuator
 from tuners.logs.columns import Quantity, find
-from tuners.logs.excitation import Excitation, band_of, best_stretch
+from tuners.logs.excitation import Excitation
 from tuners.logs.formats import read_table
 from tuners.logs.options import Options
 from tuners.logs.sampling import Plan, sampled
-from tuners.logs.table import Array, SelectionError
-from tuners.logs.time_base import TimeBase, pace_of
+from tuners.logs.stretch import Whole, anytime, choose
+from tuners.logs.table import Array, LogError, SelectionError, Table
+from tuners.logs.time_base import pace_of
 from yawrate_env.plant.plant import Plant
-
-LONGEST = 2.0
-"""How much of a recording is used, unless a stretch is chosen, in lengths of the experiment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +44,8 @@ class Log:
         How the input runs between its samples.
     reference : NDArray or None
         (N,) reference of the loop, where a column was named, or the gains of its controller.
+    whole : Whole or None
+        The whole recording, where this is a part of it.
     """
 
     source: str
@@ -59,6 +59,7 @@ class Log:
     recorded_Ts: float
     input: str = "held"
     reference: Array | None = None
+    whole: Whole | None = None
 
     @property
     def time(self) -> Array:
@@ -77,7 +78,7 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
     Parameters
     ----------
     path : Path
-        CSV, MATLAB, Parquet or MDF, told apart by their first bytes.
+        In any known format, which its first bytes tell; a pipe is read once.
     plant : Plant
         Columns are recognised by the names of its signals and measured parameters, their labels
         and synonyms.
@@ -92,28 +93,46 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
         It has no such column or stretch, or the plant no such parameter.
     """
     options = options or Options()
+    return log_of(read_table(path, options.dbc), plant, options)
+
+
+def log_of(table: Table, plant: Plant, options: Options) -> Log:
+    """The recording of a plant in a table that was read; errors name its file."""
+    try:
+        return _log(table, plant, options)
+    except (LogError, SelectionError) as error:
+        raise type(error)(f"{table.source}: {error}") from None
+
+
+def _log(table: Table, plant: Plant, options: Options) -> Log:
     _check_reference(options)
-    table = read_table(path)
     found = find(table, plant, options)
     base, signals, lost = sampled(found.quantities, _plan(found.quantities, plant, options))
-    part, chosen = _stretch(base, signals, plant, options)
+    chosen = choose(base, signals, plant, options)
+    part = chosen.part
     signals = {role: values[part] for role, values in signals.items()}
     u, y, reference = (signals.pop(role, None) for role in ("input", "output", "reference"))
     assert u is not None and y is not None
     parameters, assumed = measured.parameters(plant, signals, found.values, len(u))
     excited = excitation.check(plant, u, y, parameters, base.Ts)
-    notes = (*table.notes, *lost, *found.notes, *base.notes, *chosen, *assumed, *excited.notes)
+    notes = (
+        *table.notes,
+        *lost,
+        *found.notes,
+        *base.notes,
+        *chosen.notes,
+        *assumed,
+        *excited.notes,
+    )
     t0 = float(base.grid[part.start])
     hold = "held" if options.input_is == "measured" else options.between or plant.input
-    log = Log(path.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts, hold, reference)
+    log = Log(
+        table.source.name, t0, u, y, base.Ts, parameters, notes, excited, base.Ts, hold, reference,
+        chosen.whole,
+    )  # fmt: skip
     if options.drove is not None:
         log = replace(log, reference=_rebuilt(log, plant, options.drove))
     return log if options.input_is == "command" else _whole_plant(log, plant)
-
-
-def _anytime(plant: Plant) -> bool:
-    """Whether a recording may begin in any state of the plant."""
-    return plant.linear or bool(plant.initial)
 
 
 def _held(plant: Plant, options: Options) -> bool:
@@ -158,36 +177,8 @@ def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
         held=("input", "reference") if _held(plant, options) else (),
         slow=tuple(name for name in plant.measured if name in found),
         Ts=options.Ts,
-        begin=None if _anytime(plant) else -np.inf if options.start is None else options.start,
+        begin=None if anytime(plant) else -np.inf if options.start is None else options.start,
     )
-
-
-def _stretch(
-    base: TimeBase, signals: dict[str, Array], plant: Plant, options: Options
-) -> tuple[slice, list[str]]:
-    """The chosen part, or that of the best excitation; a plant that starts at rest starts there."""
-    if options.start is not None or options.stop is not None:
-        return between(base.grid, options.start, options.stop), []
-    if not _anytime(plant):
-        return slice(0, len(base.grid)), []
-    steady = [signals[name] for name in plant.measured if name in signals]
-    length = LONGEST * len(plant.u) * plant.Ts
-    part, shorter = best_stretch(signals["input"], steady, base.Ts, band_of(plant), length)
-    first, last = base.grid[[part.start, part.stop - 1]]
-    return part, [f"Best-excited stretch used: {first:.2f} to {last:.2f} s."] if shorter else []
-
-
-def between(t: Array, start: float | None, stop: float | None) -> slice:
-    """The part of times (N,) that was asked for; from or to the end where nothing was."""
-    start = t[0] if start is None else start
-    stop = t[-1] if stop is None else stop
-    part = slice(*(int(i) for i in np.searchsorted(t, [start - 1e-9, stop + 1e-9])))
-    if part.stop - part.start < 2:
-        raise SelectionError(
-            f"Nothing between {start:g} and {stop:g} s: the usable recording runs from "
-            f"{t[0]:.2f} to {t[-1]:.2f} s."
-        )
-    return part
 
 
 def _whole_plant(log: Log, plant: Plant) -> Log:

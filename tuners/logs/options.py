@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,8 @@ class Options:
         Gains (kp, Ti) of the PI in whose loop the log was recorded, to rebuild its reference.
     between : {"held", "lines"} or None
         How the input runs between its samples; as in the plant's recordings if not given.
+    dbc : Path or None
+        File of the signals in a CAN trace.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -45,3 +48,4 @@ class Options:
     input_is: str = "command"
     drove: tuple[float, float] | None = None
     between: str | None = None
+    dbc: Path | None = None

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +34,17 @@ class Column:
         As the file states it; empty if it does not.
     time : NDArray or None
         (N,) its own time stamps [s], in formats where every quantity has some.
+    notes : tuple of str
+        What had to be assumed, in words.
+    clock : bool
+        Whether the values are times of day or dates [s].
     """
 
     values: Array
     unit: str = ""
     time: Array | None = None
+    notes: tuple[str, ...] = ()
+    clock: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,8 +59,11 @@ class Table:
         Reads one by its name; `LogError` where it does not hold numbers.
     notes : tuple of str
         What was remarkable about the file, in words.
+    source : Path
+        The file.
     """
 
     names: tuple[str, ...]
     column: Callable[[str], Column]
     notes: tuple[str, ...] = ()
+    source: Path = Path()

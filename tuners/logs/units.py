@@ -72,6 +72,15 @@ def alike(unit: str, needed: str) -> bool:
     return True
 
 
+def known(text: str) -> bool:
+    """Whether a text is a unit, in brackets or not."""
+    text = re.sub(r"^[\[(]|[\])]$", "", text.strip())
+    try:
+        return bool(_meanings(text))
+    except UnitError:
+        return False
+
+
 def _meanings(text: str) -> list[Any]:
     """Units that a text may mean: as it is, or in lower case where capitals have no reason."""
     spellings = dict.fromkeys([text, text.lower() if len(text) > 2 else text])

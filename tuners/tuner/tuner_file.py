@@ -73,11 +73,12 @@ def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArra
         packed = lzma.decompress(body)
         size = int.from_bytes(packed[:8], "little")
         metadata = json.loads(packed[8 : 8 + size])["__metadata__"]
-        return dict(json.loads(metadata["settings"])), load(packed)
+        settings, arrays = dict(json.loads(metadata["settings"])), load(packed)
     except (
         SafetensorError, lzma.LZMAError, KeyError, ValueError, TypeError, RecursionError,
     ) as error:  # fmt: skip
         raise TunerFileError(f"{path} cannot be read: {error}. Train it again.") from None
+    return settings, arrays
 
 
 @contextmanager
@@ -91,7 +92,7 @@ def rebuilding(path: str | os.PathLike[str]) -> Iterator[None]:
         raise TunerFileError(
             f"{path} lacks or misnames {error}: written by another version. Train it again."
         ) from None
-    except (ValueError, AttributeError, IndexError) as error:
+    except (ValueError, AttributeError, IndexError, ArithmeticError) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise TunerFileError(f"{path} cannot be used: {reason} Train it again.") from None
 

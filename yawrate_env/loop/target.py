@@ -8,6 +8,9 @@ from yawrate_env import validation
 
 CONTROLLERS = ("pi", "printed")
 
+FASTEST = 1e-5
+"""Sampling time, in periods of the crossover: responses are simulated over some periods."""
+
 
 @dataclass(frozen=True, slots=True)
 class Target:
@@ -39,6 +42,8 @@ class Target:
                           remedy="Give it in degrees.")  # fmt: skip
         validation.number("crossover", self.crossover, above=0.0, at_most=0.45 / self.Ts,
                           remedy="Keep it, in Hz, well below half the sampling rate.")  # fmt: skip
+        validation.number("Ts_control", self.Ts, at_least=FASTEST / self.crossover,
+                          remedy="Take 100,000 samples a period at most.")  # fmt: skip
         delay_samples = validation.count("delay_samples", self.delay_samples, at_least=0,
                                          at_most=200, remedy="Raise Ts_control.")  # fmt: skip
         object.__setattr__(self, "delay_samples", delay_samples)

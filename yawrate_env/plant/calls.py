@@ -16,13 +16,19 @@ def call(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
     """Call the function; ``ValueError`` with its name if it raises, the cause attached."""
     try:
         return function(*arguments)
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # such as an exit
         raise ValueError(f"{name} failed: {one_line(error)}") from error
 
 
 def one_line(error: BaseException) -> str:
     """An error's type and text in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
+    try:
+        text = f"{type(error).__name__}: {error}"
+    except Exception:  # an author's error may fail to describe itself
+        text = type(error).__name__
+    return " ".join(text.split()).removesuffix(":")
 
 
 def rows(

@@ -120,12 +120,12 @@ def from_toml(path: Path) -> Plant | None:
         arguments: dict[str, Any] = {}
 
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         if "plant" not in content:
             return None
         table = msgspec.convert(content["plant"], Table)
         return find(table.entry, path.parent, table.arguments)
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise ValueError(f"{path} is not TOML: {error}.") from None
     except msgspec.ValidationError as error:
         raise ValueError(f"{path}: [plant]: {error}.") from None
@@ -177,6 +177,8 @@ def _resolved(entry: str, name: str) -> Any:
         if name in sys.modules:
             raise ValueError(f"entry = {entry!r}: {name} has no such attribute.") from None
         raise ValueError(f"importing {name} failed: {one_line(error)}.") from error
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a module may raise anything, or exit
         why = one_line(error).removesuffix(".")
         raise ValueError(f"importing {name} failed: {why}.") from error

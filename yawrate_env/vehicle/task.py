@@ -18,6 +18,15 @@ from yawrate_env.vehicle.twin import LinearTwin, Twin
 
 REGISTERS = ("same", "random")
 
+SLOWEST = 0.1
+"""Speed [m/s]."""
+
+LIGHTEST = 0.1
+"""Total mass, in parts of the vehicle's own."""
+
+MOST_SAMPLES = 200_000
+"""Of an episode; as many as a tuner takes."""
+
 
 @dataclass(frozen=True, slots=True)
 class Prior:
@@ -63,6 +72,8 @@ class Prior:
                 object.__setattr__(self, name, found)
                 for end in found:
                     check_parameter(name, end, "Use SI units, and a range within this bound.")
+        validation.number("v_x", min(self.v_x), at_least=SLOWEST, remedy="Use m/s: a vehicle at "
+                          "rest has no yaw response.")  # fmt: skip
 
     @property
     def others(self) -> tuple[str, ...]:
@@ -104,15 +115,16 @@ class Experiment:
 
     def __post_init__(self) -> None:
         validation.number("Ts", self.Ts, above=0.0, remedy="Give a sampling time in seconds.")
-        N = validation.count("N", self.N, at_least=2, at_most=1e7,
+        N = validation.count("N", self.N, at_least=2, at_most=MOST_SAMPLES,
                              remedy="Record some 10 s.")  # fmt: skip
         object.__setattr__(self, "N", N)
         validation.number("amplitude", self.amplitude, at_least=1e-6, at_most=np.pi / 4,
                           remedy="Give it in rad.")  # fmt: skip
         validation.number("bit_time", self.bit_time, at_least=self.Ts,
                           remedy="Hold each bit for a sampling time or longer.")  # fmt: skip
-        validation.number("snr_db", self.snr_db, at_least=-40.0, at_most=200.0,
-                          remedy="Give a ratio of powers in dB.")  # fmt: skip
+        validation.number("snr_db", self.snr_db, at_least=-20.0, at_most=200.0,
+                          remedy="Give a ratio of powers in dB: noise a hundred times the yaw "
+                          "rate's power hides it.")  # fmt: skip
         validation.one_of("register", self.register, REGISTERS)
         if self.N * self.Ts < 2 * self.bit_time * (1 - 1e-9):
             raise ValueError(
@@ -139,8 +151,8 @@ class Task:
         validation.number(
             "total mass M_0 + M_delta",
             self.vehicle.M_0 + min(self.prior.M_delta),
-            above=0.0,
-            remedy="Raise M_0 or the low end of M_delta.",
+            at_least=LIGHTEST * self.vehicle.M_0,
+            remedy="Raise the low end of M_delta: a tenth of M_0 must remain.",
         )
         self.twin.check(self.vehicle, self.prior.others)
 

@@ -46,11 +46,11 @@ def read(path: str | os.PathLike[str]) -> Task:
     import msgspec
 
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
         return task_of(content)
     except OSError as error:
         raise VehicleFileError(f"{path}: {error.strerror}.") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise VehicleFileError(f"{path} is not TOML: {error}.") from None
     except msgspec.ValidationError as error:
         text = str(error).replace("`$.", "`").replace("Object", "Section")

@@ -4,24 +4,83 @@ import numpy as np
 
 from yawrate_env.vehicle.plausible import LARGEST_ANGLE, LARGEST_YAW_RATE
 
-HAND_WHEEL = ("handwheelangle", "steeringwheelangle", "swa", "lenkwinkel")
+HAND_WHEEL = (
+    "hand wheel angle",
+    "hand wheel",
+    "hand wheel steer angle",
+    "steer wheel",
+    "steer sw",
+    "delta h",
+)
 """Column names of angles before the steering gear."""
 
 SYNONYMS = {
     "input": (
-        "steer", "steering", "steercmd", "steeringcmd", "steercommand", "command", "cmd", "u",
-        "delta", "deltaf", "deltacmd", "deltafcmd", "steerangle", "steeringangle",
-        "roadwheelangle", "rwa", *HAND_WHEEL,
+        "steer command",
+        "steer angle command",
+        "delta command",
+        "delta f command",
+        "road wheel angle command",
+        "front wheel angle command",
+        "wheel steer angle command",
+        "wheel steer angle",
+        "road wheel angle",
+        "road wheel steer angle",
+        "road steer angle",
+        "front wheel angle",
+        "front wheel steer angle",
+        "front steer angle",
+        "road angle",
+        "rwa",
+        "steer angle",
+        "delta f",
+        "steer",
+        "delta",
+        *HAND_WHEEL,
+        "hand wheel angle command",
+        "command",
+        "u",
     ),
     "output": (
-        "yaw", "r", "y", "yawvelocity", "yawspeed", "gyroz", "wz", "omegaz", "psidot",
-        "gierrate", "yawratemeas", "measuredyawrate",
+        "yaw rate",
+        "yaw speed",
+        "yaw angular speed",
+        "yaw angular rate",
+        "yaw dot",
+        "psi dot",
+        "psi rate",
+        "psi speed",
+        "gyro z",
+        "gyro yaw",
+        "omega z",
+        "angular speed z",
+        "angular rate z",
+        "angle rate z",
+        "angular z",
+        "rate z",
+        "heading rate",
+        "turn rate",
+        "yaw gyro",
+        "gyro",
+        "omega",
+        "r",
+        "y",
+        "yaw",
     ),
     "v_x": (
-        "v", "velocity", "vehiclespeed", "carspeed", "egospeed", "geschwindigkeit",
+        "longitudinal speed",
+        "speed x",
+        "linear speed x",
+        "linear x",
+        "ground speed",
+        "v x",
+        "v longitudinal",
+        "v",
+        "speed longitudinal",
     ),
 }  # fmt: skip
-"""Names of columns in logs, the first preferred."""
+"""Names of columns in logs (SAE J670, ISO 8855, loggers, simulators, German ones) in the words that
+`tuners.logs.names` brings spellings to.  Among symbols the first is preferred."""
 
 CAUTIONS = dict.fromkeys(
     HAND_WHEEL,

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tuners.cli.report.numbers import hertz
 from tuners.cli.report.residuals import Correlation
+from tuners.logs.stretch import Whole
 from yawrate_env.env import rendering
 from yawrate_env.plant.names import split
 from yawrate_env.plant.responses import OpenLoop, Response
@@ -83,6 +84,35 @@ def recording(traces: Traces, width: float) -> Figure:
         below.set_xlim(time[0], time[-1])
         for axes in (above, middle, below):
             axes.yaxis.set_major_locator(MaxNLocator(4 if axes is middle else 2))
+        picture.align_ylabels()
+    return picture
+
+
+def whole(
+    found: Whole, input: str, factor: float, measured: tuple[str, ...], width: float
+) -> Figure:
+    """A long recording and the part of it that is used.
+
+    Parameters
+    ----------
+    input, measured : str, tuple of str
+        Labels of the input, which is multiplied by `factor`, and of the measured parameters.
+    """
+    rows = 1 + len(measured)
+    with style.context(["default", STYLE]):
+        picture = Figure(figsize=(width, 0.9 + 1.1 * rows))
+        first, *others = picture.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+        low, high = factor * found.input.T
+        first.fill_between(found.time, low, high, color=rendering.COMMAND, lw=0.8)
+        first.set_ylabel(_two_lines(input))
+        for axes, label, values in zip(others, measured, found.measured.values(), strict=True):
+            axes.plot(found.time, values, color=rendering.INK, lw=1.0)
+            axes.set_ylabel(_two_lines(label))
+        for axes in (first, *others):
+            axes.axvspan(*found.used, color=rendering.TARGET, alpha=0.16, lw=0)
+            axes.yaxis.set_major_locator(MaxNLocator(2))
+            axes.set_xlim(found.time[0], found.time[-1])
+        picture.axes[-1].set_xlabel("time [s]")
         picture.align_ylabels()
     return picture
 

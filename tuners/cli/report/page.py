@@ -58,6 +58,7 @@ def render(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> st
     loop, alone = result.loop, result.rung >= Rung.BLACK_BOX
     drawn = {
         **_recording(result, log),
+        **_whole(result, log),
         **loops.pictured(loop, shown[1][0]),
         "auto": figures.correlation(residuals.auto, "Residual with itself"),
         "cross": figures.correlation(residuals.cross, f"Residual with the {input}"),
@@ -114,6 +115,15 @@ def _recording(result: Result, log: Log) -> dict[str, Any]:
         "wide": figures.recording(traces, figures.FULL),
         "narrow": figures.recording(traces, figures.HALF),
     }
+
+
+def _whole(result: Result, log: Log) -> dict[str, Any]:
+    """The log that the recording is a part of."""
+    if log.whole is None:
+        return {}
+    (input, factor), plant = displayed(result.plant)[0], result.plant
+    labels = tuple(plant.label(name) for name in log.whole.measured)
+    return {"whole": figures.whole(log.whole, input, factor, labels, figures.FULL)}
 
 
 def _filled(**values: Any) -> str:

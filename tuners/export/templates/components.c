@@ -51,5 +51,5 @@ int {{ name }}_solve(const {{ name }}_state *state, double features[{{ name | up
             failed = 1;
         }
     }
-    return (excited > 0.0) ? failed : 1;
+    return ((excited > 0.0) && (state->samples >= LEAST)) ? failed : 1;
 }

@@ -7,12 +7,14 @@
 
 static const double POLE = {{ pole | number }}; /* exp(-pole Ts) */
 static const double GAIN = {{ gain | number }}; /* sqrt(1 - POLE^2) */
+static const double LEAST = {{ least_samples | float | number }}; /* samples that a recording must have */
 
 void {{ name }}_start({{ name }}_state *state)
 {
     int i;
     int j;
 
+    state->samples = 0.0;
     state->last_input = 0.0;
     for (i = 0; i < ORDER; i++) {
         state->filtered[i] = 0.0;
@@ -37,6 +39,7 @@ void {{ name }}_sample({{ name }}_state *state, double input, double output)
         before = own;
     }
     state->last_input = input;
+    state->samples += 1.0;
     for (i = 0; i < ORDER; i++) {
         state->products[i] += state->filtered[i] * output;
         for (j = 0; j <= i; j++) {
@@ -105,7 +108,7 @@ static int fit(const {{ name }}_state *state, double coefficients[ORDER])
             gram[(i * ORDER) + j] = state->gram[i][j];
         }
     }
-    return solved(ORDER, gram, coefficients);
+    return (solved(ORDER, gram, coefficients) != 0) || (state->samples < LEAST);
 }
 {% endif %}
 

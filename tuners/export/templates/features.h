@@ -12,6 +12,7 @@
 #define {{ name | upper }}_FEATURES {{ golden | length }}
 
 typedef struct {
+    double samples; /* how many */
     double last_input;
     double filtered[{{ name | upper }}_ORDER];
     double gram[{{ name | upper }}_ORDER][{{ name | upper }}_ORDER]; /* the lower half is used */
@@ -23,7 +24,7 @@ void {{ name }}_start({{ name }}_state *state);
 /* One sample: {{ signals[0] | comment }}, and measured {{ signals[1] | comment }}. */
 void {{ name }}_sample({{ name }}_state *state, double input, double output);
 
-/* Write the features; 0, or 1 if the input did not excite them. */
+/* Write the features; 0, or 1 if the input did not excite them or there are too few samples. */
 int {{ name }}_solve(const {{ name }}_state *state, double features[{{ name | upper }}_FEATURES]);
 
 #endif

@@ -9,14 +9,16 @@ static const {{ name }}_real TRACKING = {{ pi.tracking | number(real) }}; /* Ts/
 static const {{ name }}_real LOW = {{ pi.low | number(real) }};
 static const {{ name }}_real HIGH = {{ pi.high | number(real) }};
 
-static {{ name }}_real limited({{ name }}_real value)
+static const {{ name }}_real LARGEST = {{ pi.largest | number(real) }}; /* error that counts */
+
+static {{ name }}_real within({{ name }}_real value, {{ name }}_real low, {{ name }}_real high)
 {
     {{ name }}_real result = value;
 
-    if (result < LOW) {
-        result = LOW;
-    } else if (result > HIGH) {
-        result = HIGH;
+    if (result < low) {
+        result = low;
+    } else if (result > high) {
+        result = high;
     } else {
         /* within the limits */
     }
@@ -30,17 +32,28 @@ static {{ name }}_real finite_or_zero({{ name }}_real value)
 
 void {{ name }}_start({{ name }}_state *state, {{ name }}_real error, {{ name }}_real command)
 {
-    state->output = limited(finite_or_zero(command));
-    state->integral = state->output - (GAIN * finite_or_zero(error));
+    state->output = within(finite_or_zero(command), LOW, HIGH);
+    state->integral = state->output - (GAIN * within(finite_or_zero(error), -LARGEST, LARGEST));
 }
 
 {{ name }}_real {{ name }}_step({{ name }}_state *state, {{ name }}_real error)
 {
     if (isfinite(error) != 0) {
-        const {{ name }}_real unlimited = (GAIN * error) + state->integral;
+        const {{ name }}_real counted = within(error, -LARGEST, LARGEST);
+        const {{ name }}_real before = state->integral;
+        const {{ name }}_real unlimited = (GAIN * counted) + before;
 
-        state->output = limited(unlimited);
-        state->integral += (STEP * error) + (TRACKING * (state->output - unlimited));
+        state->output = within(unlimited, LOW, HIGH);
+        state->integral += (STEP * counted) + (TRACKING * (state->output - unlimited));
+        if (unlimited > HIGH) { /* between where it was and the limit */
+            state->integral = within(state->integral, (before < HIGH) ? before : HIGH,
+                                     (before < HIGH) ? HIGH : before);
+        } else if (unlimited < LOW) {
+            state->integral = within(state->integral, (before < LOW) ? before : LOW,
+                                     (before < LOW) ? LOW : before);
+        } else {
+            /* within the limits */
+        }
     }
     return state->output;
 }

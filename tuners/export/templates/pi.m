@@ -19,4 +19,9 @@ n0 = {{ pi.step | number }};  % per sample
 tracking = {{ pi.tracking | number }};  % Ts/Tt
 saturate = @(v) min(max(v, limits(1)), limits(2));
 command = @(x, e) saturate(n1*e + x);
-next = @(x, e) x + n0*e + tracking*(command(x, e) - (n1*e + x));
+largest = {{ pi.largest | number }};  % error that counts
+counted = @(e) min(max(e, -largest), largest);
+moved = @(x, e, u) x + n0*e + tracking*(u - (n1*e + x));
+between = @(x, new, u) min(max(new, min(x, u)), max(x, u));  % where it was and the limit
+held = @(x, e, u) (u == n1*e + x)*moved(x, e, u) + (u ~= n1*e + x)*between(x, moved(x, e, u), u);
+next = @(x, e) held(x, counted(e), command(x, counted(e)));
