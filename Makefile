@@ -75,11 +75,11 @@ accuracy: $(STAMP) ## results/accuracy.md and its tables; about an hour
 	done
 	@echo "==> scripts/off_design.py"
 	@$(BIN)/python scripts/off_design.py
-	@$(BIN)/python scripts/accuracy.py page --readme README.md
+	@$(BIN)/python scripts/accuracy.py page --readme docs/accuracy.md
 
 robustness: $(STAMP) ## results/robustness.md: who breaks where; ten minutes
 	@echo "==> scripts/robustness.py"
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/robustness.py --readme README.md
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/robustness.py --readme docs/accuracy.md
 
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"

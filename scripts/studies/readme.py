@@ -1,4 +1,4 @@
-"""Tables in README.md: what stands between two markers is the table in results/."""
+"""Tables in pages for people: what stands between two markers is the table in results/."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ def updated(readme: str, name: str, table: str) -> str:
     _, end, after = rest.partition(end_marker)
     if not start or not end:
         raise ValueError(
-            f"README.md lacks {start_marker} or {end_marker}. Put them around the table."
+            f"The page lacks {start_marker} or {end_marker}. Put them around the table."
         )
     return f"{before}{start_marker}\n{table.strip()}\n{end_marker}{after}"
 
