@@ -34,15 +34,15 @@ def needed(u):
 def test_a_linear_plant_bends_no_more_often_than_chance():
     found = response_of(LEVELS, PLANT.respond(BLOCK.theta, LEVELS)).curvature
     assert (found.sizes < SURE).all()
-    assert 0.3 < found.sizes[:, 1].std() and found.sizes.mean() < 1.5  # of a half normal: 0.8
+    assert 0.3 < found.sizes[:, 0].std() and found.sizes.mean() < 1.5  # of a half normal: 0.8
 
 
 def test_a_steering_ratio_that_grows_is_found_and_extrapolated_to_no_amplitude():
     growth = 0.2 * (LEVELS / LEVELS.std()) ** 2 / 3
     found = response_of(LEVELS, PLANT.respond(BLOCK.theta, LEVELS * (1 + growth)))
-    assert (found.curvature.sizes[:, 1] > SURE).all()
+    assert (found.curvature.sizes[:, 0] > SURE).all()
     # The recording's response asks for lower gains; the shift is the way back.
-    small = found.required + found.curvature.shifts[:, 1]
+    small = found.required + found.curvature.shifts[:, 0]
     exact = needed(LEVELS)
     assert np.abs(found.required - exact)[:, 0].min() > 0.1
     np.testing.assert_allclose(small, exact, atol=0.05)
@@ -51,7 +51,7 @@ def test_a_steering_ratio_that_grows_is_found_and_extrapolated_to_no_amplitude()
 def test_two_levels_of_an_input_say_nothing_of_its_cube():
     u = PLANT.u[None, :N]
     found = response_of(u, PLANT.respond(BLOCK.theta, u)).curvature
-    assert (found.sizes[:, 1] == 0).all() and (found.shifts[:, 1] == 0).all()
+    assert (found.sizes[:, 0] == 0).all() and (found.shifts[:, 0] == 0).all()
 
 
 def moving(y):
@@ -74,4 +74,4 @@ def test_what_the_plant_cannot_remember_is_no_start(number):
     decay = decays(FUNCTIONS, BLOCK.y.shape[1] - 2000, PLANT.Ts)[number]
     y = BLOCK.y.copy()
     y[:, 2000:] += BLOCK.y.std() * decay / np.abs(decay).max()
-    assert (moving(y)[1] > 0.03).all()
+    assert (moving(y)[1] > 0.04).all()

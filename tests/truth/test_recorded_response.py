@@ -90,10 +90,10 @@ def test_a_response_that_bends_is_noticed(bend):
     clean = VEHICLES.respond(block.theta, block.u)
     rms = np.sqrt((clean**2).mean(axis=1, keepdims=True))
     found = response_of(block.u, clean * (1 + bend * (clean / rms) ** 2 / 3) + block.y - clean)
-    sensor = found.curvature.sizes[:, 0] > 4
+    sensor = found.curvature.sizes[:, 1] > 4
     assert sensor.all() if bend else not (found.curvature.sizes > 4).any()
     # The slope at no amplitude is smaller by as much as the response has grown.
-    without = np.exp(-found.curvature.shifts[:, 0, 0])
+    without = np.exp(-found.curvature.shifts[:, 1, 0])
     grown = 1 + bend * (clean**4).mean(axis=1) / (clean**2).mean(axis=1) ** 2 / 3
     assert not bend or np.median(without * grown) == pytest.approx(1.0, abs=0.03)
 

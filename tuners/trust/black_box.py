@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tuners.features.integrated import Integrated
 from tuners.features.laguerre import Laguerre, combined, lifted, products
 from tuners.features.regularised import Regularised, regularised
-from tuners.trust.octaves import along
+from tuners.trust.octaves import along, energies
 from yawrate_env import validation
 from yawrate_env.plant.episodes import sample
 from yawrate_env.plant.plant import Plant
@@ -41,6 +41,7 @@ _SEED = 21
 _HIDDEN = 4.0  # of the noise's variance, where a start has some twenty unknowns
 _SIGNIFICANT = 4.0  # standard deviations of the statistic under rest
 _SHARES = (4, 2, 1)  # of the functions: an n-th of the decays is tried first
+_DECIDED = 1000.0  # times what is significant in white noise: no colour explains it
 _LARGEST_KEPT = 20_000  # samples: 3 MB
 _NEGLIGIBLE = 3e-6  # of the output's energy: the functions themselves may leave out as much
 
@@ -243,7 +244,7 @@ def black_box(
     gram, right = functions.normal_equations(u, y, Ts, Z)
     energy = np.einsum("bn,bn->b", y, y)
     equations = _Equations(gram, right, n)
-    best = _level(equations, energy, levels[0])
+    best, spectra = _level(equations, energy, levels[0]), None
     extra = np.full(len(y), levels[0])
     for level in levels[1:]:
         found = _level(equations, energy, level)
@@ -254,12 +255,13 @@ def black_box(
         least = more + _SIGNIFICANT * np.sqrt(2 * more)
         needed = statistic > least
         needed &= best.residual - found.residual > _NEGLIGIBLE * energy
-        for i in np.flatnonzero(needed & (statistic <= least * independent)).tolist():
+        for i in np.flatnonzero(needed & (statistic <= _DECIDED * least)).tolist():
+            spectra = energies(Z) if spectra is None else spectra
             c, z = found.coefficients[[i], None], found.extra[i, :level]
-            explained = functions.outputs(u[[i % len(u)]], c, Ts)[0] + z @ Z[:level]
-            white = found.residual[[i]] / independent
-            noise = along(Z[extra[i] : level], y[[i]] - explained, white)
-            needed[i] = statistic[i] * white[0] > least[i] * noise[0]
+            explained = functions.outputs(u[[i % len(u)]], c, Ts)[0, 0] + z @ Z[:level]
+            white = float(found.residual[i] / independent)
+            noise = along(spectra[extra[i] : level], y[i] - explained, white)
+            needed[i] = statistic[i] * white > least[i] * noise
         extra = np.where(needed, level, extra)
         best = best.where(needed, found)
     removed = extra if plant.linear or start != "auto" else np.zeros_like(extra)

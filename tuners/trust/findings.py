@@ -31,9 +31,9 @@ _ANOTHER = 0.5  # of the output: what no other car of the same kind leaves; unit
 _PATTERN = 0.08  # of the output: a pattern that the intervals of a nonlinear plant may not cover
 _STRONG = 0.12  # of the output: the same of a linear plant
 _BENT = 0.7  # of a metric's `error`: a bend beyond which gains are refused, a third of a miss
-_LINGERS = 0.03  # of the output: a start's response that lasts too long, beyond which is refused
+_LINGERS = 0.04  # of the output: a start's response that lasts too long, beyond which is refused
 _QUIET = 0.25  # of the spread that needs no care: noise of any colour that hides nothing
-_CHANGED, _CURVED = 4.0, 3.5  # standard deviations of a change between halves, and of a bend
+_CHANGED, _CURVED = 4.0, 3.8  # standard deviations of a change between halves, and of a bend
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,7 +66,7 @@ class Limits:
     outside: float = 0.1
     vague: float = 1.3
     disturbed: float = 3.0
-    lingering: float = 0.01
+    lingering: float = 0.02
     bend: float = 0.3
     halves: float = 1.0
     parts: float = 1 / 3

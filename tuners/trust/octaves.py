@@ -28,19 +28,25 @@ def octaves(power: Array, q: int, noise: Array) -> Array:
     return np.where(white[:, None], noise[:, None], level[:, band])
 
 
-def along(signals: Array, error: Array, noise: Array) -> Array:
-    """Power (B,) of noise with residuals (B, N) along orthonormal signals (m, N), at least white's.
+def energies(signals: Array) -> Array:
+    """Energy of signals (m, N) by frequency, (m, F)."""
+    return np.asarray(np.abs(np.fft.rfft(signals, next_fast_len(signals.shape[1], real=True))) ** 2)
+
+
+def along(energy: Array, error: Array, noise: float) -> float:
+    """Power of noise with a residual (N,) along orthonormal signals, at least white's.
 
     Where it is more, as much more as a band of few frequencies leaves possible.
 
     Parameters
     ----------
-    noise : (B,) float64
+    energy : (m, F) float64
+        The signals' `energies`.
+    noise : float
         Power of white noise with this residual.
     """
-    N = error.shape[1]
-    length = next_fast_len(N, real=True)
-    spectra = octaves(np.abs(np.fft.rfft(error, length)) ** 2 / N, len(signals), noise)
-    weights = (np.abs(np.fft.rfft(signals, length)) ** 2).sum(axis=0)
-    found = spectra @ weights / weights.sum()
-    return np.asarray(np.where(found > noise, _FEW * found, noise))
+    power = np.abs(np.fft.rfft(error, next_fast_len(len(error), real=True))) ** 2 / len(error)
+    spectrum = octaves(power[None], len(energy), np.array([noise]))[0]
+    weights = energy.sum(axis=0)
+    found = float(spectrum @ weights / weights.sum())
+    return _FEW * found if found > noise else noise
