@@ -16,6 +16,7 @@ from tuners.tuner.training import CALIBRATION, calibrate, check_calibration, rec
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.plant.entry import find
+from yawrate_env.plant.episodes import share_without_gains
 from yawrate_env.plant.parametrisation import Parametrisation
 from yawrate_env.plant.plant import Plant
 
@@ -68,6 +69,7 @@ def train(
     recipe = recipe or replace(recipe_for(known.plant), features=known.features)
     stages, training = fit(folder, name, recipe, seed, progress)
     tuner = Tuner(known.plant, stages, training)
+    training["without_gains"] = share_without_gains(known.plant)
     if calibration:
         judge(tuner, seed)
         calibrate(tuner, calibration, seed, progress)

@@ -52,8 +52,8 @@ def remarks(tuner: Tuner) -> list[str]:
     without, ratio = tuner.training.get("without_gains", 0.0), tuner.training.get("ratio", {})
     if without > _WITHOUT:
         said.append(
-            f"The design rule finds no gains for {without:.0%} of the prior's plants, and nothing "
-            "is learned from these: narrow the prior, or choose another target."
+            f"The design rule has no gains that reach its target for {without:.0%} of the prior's "
+            "plants, and nothing is learned from these: narrow the prior, or choose another target."
         )
     worst = max(ratio, key=ratio.__getitem__, default="")
     if worst and ratio[worst] > TOLD:
