@@ -156,9 +156,11 @@ def _column(role: Role, given: str | None, table: Table) -> tuple[str | None, li
             f"Name one with {_flag(role)}."
         )
     others = [c for c in ranked if c.match.kind <= names.UNSURE and c.name != first.name]
+    unsure = [f"Column {first.name} was taken as {role.words}."]
+    unsure *= first.match.kind == names.UNSURE
     if role.key == "time" or not others:
-        return first.name, []
-    return first.name, _second(role, first, _different([first, *others], table)[1:], table)
+        return first.name, unsure
+    return first.name, unsure + _second(role, first, _different([first, *others], table)[1:], table)
 
 
 def _different(equal: list[Candidate], table: Table) -> list[Candidate]:
