@@ -74,9 +74,25 @@ are warned of: such a simulator leaks the answer, or its noise is not applied.
 
 Every tuner reads logs in the same way, for a vehicle as for [any other plant](plants.md).
 
-- **Columns** are named as the plant names its signals, measured parameters and their labels,
-  with known synonyms (`steer`, `yaw_rate`, `speed` for vehicles), or `t`, `u` and `y`. Others
-  are given by `--input-column`, `--output-column`, `--measured NAME=COLUMN`.
+- **Files** are text of any layout (delimiter, decimal comma, thousands, preamble, comments,
+  encoding, units in brackets or a row of their own), spreadsheets (`yawrate[xlsx]`), MATLAB with
+  structures, Simulink's signals and timetables (`yawrate[matlab]`), HDF5, Parquet, Feather, MDF 3
+  and 4 (`yawrate[mdf]`), MCAP of ROS 2 (`yawrate[mcap]`), CAN traces BLF and ASC with `--dbc`
+  (`yawrate[can]`); packed by gzip, bzip2, xz, zstd or zip. `yawrate[logs]` brings all of these.
+  A file is read once, so that `/dev/stdin` and `<(command)` serve; devices, pipes that are silent
+  for 10 s and files above 1 GiB (text: 256 MiB) are refused, other formats with the way out.
+- **Columns** are named as the plant names its signals, measured parameters and their labels, or
+  `t`, `u` and `y`; for vehicles also as loggers, simulators and standards spell `steer`,
+  `yaw_rate` and `speed` (`VehSpd`, `ESP_Gierrate`, `carState.steeringAngleDeg`, `AVz`, `psi_dot`).
+  Two columns that may be meant are refused by name, unless they hold the same; what was passed
+  over is noted, and so are speeds that contradict each other. Others are given by
+  `--input-column`, `--output-column`, `--measured NAME=COLUMN`.
+- **Time** is seconds or says its unit; clock times, dates, epochs in ms, µs and ns, and counters
+  that begin again at 0 are understood. Rows that repeat or come out of order are put right with a
+  note. Stamps that jitter about an even line belong to evenly spaced samples, unless the output
+  shows that the samples were taken when stamped: these are resampled. Channels with clocks of
+  their own (MDF, MCAP, CAN, blank cells in text) keep them; a command that changes between the
+  output's samples counts by its mean.
 - **Units**: a column called `voltage [mV]` or `voltage_mV`, or whose unit stands in a row of
   units or with an MDF channel, is converted where the plant has `voltage [V]`, and a note says
   so; `--input-unit` and `--output-unit` say what a log doesn't. A unit that is unknown, or that
@@ -94,11 +110,12 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
   one that was measured, is nearer to `--input-between lines`: it is then turned into a held input
   that acts alike, to 1 % where the input has no frequencies above a fifth of the sampling rate; for
   faster ones describe the plant with a shorter sampling time.
-- **Stretch**: of a log longer than two experiments the best-excited part is used, for plants
-  with `linear=True` or `initial` states. Others start from rest and are used from the first
-  sample on.
-- **`--Ts`** takes the place of a time column: beside `--time-column` or `--time-unit` it is
-  refused.
+- **Stretch**: of a log longer than two experiments the best-excited part is used, where measured
+  parameters are steady and within the tuner's range, for plants with `linear=True` or `initial`
+  states; the report draws the whole log around it, and a note says where gains over speed are
+  possible. Others start from rest and are used from the first sample on.
+- **`--Ts`** takes the place of a time column and of channels' stamps: beside `--time-column` or
+  `--time-unit` it is refused. So are other options that contradict each other.
 - **`--start auto`** means `rest` for plants whose responses do not add up.
 
 `--steer-column`, `--steer-unit`, `--flip-steer` and `--steer-is` are other names of the

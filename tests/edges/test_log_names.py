@@ -75,6 +75,11 @@ def test_two_columns_that_may_be_meant_are_named():
         found(speed=np.ones(9), speed_2=2 * np.ones(9))
 
 
+def test_words_of_unknown_meaning_are_noted():
+    (note,) = found(yaw_rate=None, trailer_yaw_rate=np.zeros(9)).notes
+    assert "trailer_yaw_rate was taken as yaw rate" in note
+
+
 def test_what_was_passed_over_is_noted():
     (note,) = found(imu_yaw_rate=np.zeros(9)).notes
     assert "yaw_rate" in note and "imu_yaw_rate" in note

@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from tuners.logs import names, units
+from tuners.logs.candidates import Candidate, Role, candidates, last, repeats
 from tuners.logs.options import Options
 from tuners.logs.stamps import epoch_unit
 from tuners.logs.table import Array, LogError, SelectionError, Table
@@ -23,38 +24,6 @@ from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 
 T = TypeVar("T", str, float)
-
-
-@dataclass(frozen=True, slots=True)
-class Role:
-    """A quantity for which a column is looked for.
-
-    Attributes
-    ----------
-    key : str
-        ``time``, ``input``, ``output``, or a measured parameter of the plant.
-    words, unit : str
-        Name in messages, and the unit that is needed; empty if the plant names none.
-    names : tuple of str
-        Names that columns of it have, the first preferred.
-    remedy : str
-        What to give where its unit is not understood.
-    scale : float
-        What the column is multiplied by, once it is in the unit.
-    own : int
-        How many of the names are the plant's own; others are synonyms.
-    warned : tuple of str
-        Synonyms that the plant warns of.
-    """
-
-    key: str
-    words: str
-    unit: str
-    names: tuple[str, ...]
-    remedy: str
-    scale: float = 1.0
-    own: int = 1
-    warned: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,7 +154,7 @@ def _column(role: Role, given: str | None, table: Table) -> tuple[str | None, li
             )
         return None, []
     first = ranked[0]
-    equal = [c for c in ranked if c.match == first.match or _repeats(c.name, first.name)]
+    equal = [c for c in ranked if c.match == first.match or repeats(c.name, first.name)]
     equal = _different(equal, table) if len(equal) > 1 and role.key != "time" else equal[:1]
     if len(equal) > 1:
         raise LogError(
@@ -193,61 +162,11 @@ def _column(role: Role, given: str | None, table: Table) -> tuple[str | None, li
             f"Name one with {_flag(role)}."
         )
     others = [c for c in ranked if c.match.kind <= names.UNSURE and c.name != first.name]
+    unsure = [f"Column {first.name} was taken as {role.words}."]
+    unsure *= first.match.kind == names.UNSURE
     if role.key == "time" or not others:
-        return first.name, []
-    return first.name, _second(role, first, _different([first, *others], table)[1:], table)
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """A column that a role may mean, and the name that it has without a unit at its end."""
-
-    name: str
-    match: names.Match
-
-
-def candidates(role: Role, columns: Sequence[str]) -> list[Candidate]:
-    """Columns that have one of a role's names, the likeliest first; no other kind of unit."""
-    phrases = tuple(dict.fromkeys(map(names.words, role.names)))
-    found = []
-    for column in columns:
-        match = names.match(_last(column), phrases, role.own, role.warned)
-        whole = names.match(column, phrases, role.own, role.warned)
-        match = min((m for m in (match, whole) if m is not None), default=None)
-        if match is None or match.kind == names.UNSURE:
-            with_unit = _with_suffix(column, role, phrases)
-            match = with_unit or match
-        if match is not None and not (match.kind == names.VAGUE and _foreign(column, role)):
-            found.append(Candidate(column, match))
-    return sorted(found, key=lambda c: (c.match.kind, c.match.order, c.match.extra))
-
-
-def _with_suffix(
-    column: str, role: Role, phrases: tuple[tuple[str, ...], ...]
-) -> names.Match | None:
-    """The same for a name that ends in a unit of the role's kind: ``yawRateDps``, ``v_km_h``."""
-    name = names.bare(column)
-    starts = [found.start() for found in re.finditer(r"(?<=[_\W])\w|(?<=[a-z0-9])[A-Z]", name)]
-    for start in starts[:-4:-1]:
-        match = names.match(name[:start], phrases, role.own, role.warned)
-        said = name[start:]
-        symbol = len(re.sub(r"[\W_]", "", name[:start])) == 1 and len(said) == 1
-        if match is None or not role.unit:
-            continue
-        if said == role.unit or (not symbol and units.alike(said, role.unit)):
-            return replace(match, suffix=said)
-    return None
-
-
-def _foreign(column: str, role: Role) -> bool:
-    """Whether a column states a unit that measures something else: ``y(m)`` is no yaw rate."""
-    said = units.stated(column, "")
-    return bool(said and role.unit) and units.known(said) and not units.alike(said, role.unit)
-
-
-def _repeats(name: str, first: str) -> bool:
-    """Whether a name is another's with the number that sets repeated names apart."""
-    return bool(re.fullmatch(re.escape(first) + r"_\d+", name))
+        return first.name, unsure
+    return first.name, unsure + _second(role, first, _different([first, *others], table)[1:], table)
 
 
 def _different(equal: list[Candidate], table: Table) -> list[Candidate]:
@@ -322,14 +241,9 @@ def listed(columns: Sequence[str], most: int = 12) -> str:
     return f"{first} and {len(columns) - most} more" if len(columns) > most else first
 
 
-def _last(column: str) -> str:
-    """The same without the structure that it is a field of: ``log.speed [m/s]`` is ``speed``."""
-    return names.bare(column).rpartition(".")[2] or names.bare(column)
-
-
 def _plain(column: str) -> str:
     """The same in lower case, letters and digits alone."""
-    return re.sub(r"[\W_]", "", _last(column).lower())
+    return re.sub(r"[\W_]", "", last(column).lower())
 
 
 def _quantity(
