@@ -214,6 +214,7 @@ _SETTINGS: dict[str, Check] = {
         remedy="Give LOG, GAINS, loop(target) or Parametrisation(encode, decode).",
     ),
     "linear": validation.flag,
+    "in_loop": validation.flag,
     "batched": validation.flag,
     "plausible": partial(_pair, example="(1.0, 20.0)", first=_largest, second=_largest),
     "signals": partial(
