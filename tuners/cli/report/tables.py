@@ -30,6 +30,8 @@ CHECKS = {
     "colour": "Residual's power at the crossover, over white noise",
     "bend": "Growth of the response with the amplitude",
     "halves": "Halves of the recording off the whole, in metrics' limits",
+    "feedback": "Answer of the input to the output, in standard deviations",
+    "reference": "Answer of the reference to the output, in standard deviations",
     "limited": "Target out of the controller's reach",
     "parts": "Spread between parts of the recording, over the widest",
     "louder": "Residual over the noise that the plant declares",
