@@ -17,7 +17,7 @@ STAMP := $(VENV)/.installed
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 .SUFFIXES:
 .DEFAULT_GOAL := help
-.PHONY: help venv test test-fast lint reproduce results accuracy robustness benchmark models docs clean
+.PHONY: help venv test test-fast lint reproduce results accuracy robustness closed-loops benchmark models docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -56,12 +56,12 @@ reproduce: $(STAMP) ## the paper's Table III and figures 4 to 8, made here
 	@echo "==> scripts/reproduce_paper.py"
 	@$(BIN)/python scripts/reproduce_paper.py --readme README.md
 
-results: reproduce accuracy robustness ## everything in results/: also five seeds of each agent, the nonlinear twin
+results: reproduce accuracy robustness closed-loops ## everything in results/: also five seeds of each agent, the nonlinear twin
 	@echo "==> scripts/compare_rl.py (half an hour; trained agents in runs/rl are found again)"
 	@$(BIN)/python scripts/compare_rl.py
 	@echo "==> scripts/nonlinear_twin.py"
 	@$(BIN)/python scripts/nonlinear_twin.py --page docs/nonlinear.md
-	@for plant in dc_motor two_tanks; do \
+	@for plant in dc_motor two_tanks pendulum; do \
 		echo "==> scripts/compare_plant.py $$plant"; \
 		$(BIN)/python scripts/compare_plant.py examples/plants/$$plant.py || exit 1; \
 	done
@@ -80,6 +80,10 @@ accuracy: $(STAMP) ## results/accuracy.md and its tables; about an hour
 robustness: $(STAMP) ## results/robustness.md: who breaks where; ten minutes
 	@echo "==> scripts/robustness.py"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/robustness.py --readme docs/accuracy.md
+
+closed-loops: $(STAMP) ## results/closed_loops.md: recordings under an old controller; five minutes
+	@echo "==> scripts/closed_loops.py"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/closed_loops.py
 
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"

@@ -12,16 +12,15 @@ import click
 
 import tuners
 from studies import closed_loops, closed_loops_page
-from studies.players import CLIMBER
 from studies.program import FOLDER, counted, program, seed
 from tuners.cli.arguments import COUNT
 
 
 @program(__doc__)
 @counted("--drives", 400, "Of vehicles that are as the tuner assumes; the first 40 are the figure.")
-@click.option("--others", type=COUNT, default=120, help="Under each of the other conditions.")
+@click.option("--others", type=COUNT, default=40, help="Under each of the other conditions.")
 @seed(help="Of the drives.")
-@click.option("--tuner", default=CLIMBER, help="Name or .tuner file.")
+@click.option("--tuner", default="ts-ff-lag-vx", help="Name or .tuner file.")
 @click.option("--results", type=FOLDER, default=Path("results"), help="Folder for tables.")
 def main(drives: int, others: int, seed: int, tuner: str, results: Path) -> None:
     tested = tuners.load(tuner)

@@ -43,6 +43,11 @@ def write(rows: Sequence[Row], conditions: dict[str, Any], results: Path) -> Non
     write_text(results / "closed_loops.md", page(rows, conditions))
 
 
+def read(found: dict[str, Any]) -> tuple[list[Row], dict[str, Any]]:
+    """What `write` wrote, from its JSON."""
+    return [Row(**row) for row in found["rows"]], found["conditions"]
+
+
 def page(rows: Sequence[Row], conditions: dict[str, Any]) -> str:
     """Build the page."""
     sections = {FIRST: "The first forty", **CONDITIONS}

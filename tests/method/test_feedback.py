@@ -4,11 +4,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from families import reference as rival
 
 import tuners
 from tuners.features.laguerre import Laguerre
 from tuners.trust.feedback import projected_on, share
 from tuners.tuner.recording import Recording
+from tuners.tuner.rivals import Nominal
 from yawrate_env.loop.closed_loop import time_response
 from yawrate_env.loop.loops import Loops
 from yawrate_env.loop.target import Target
@@ -83,3 +85,9 @@ def test_a_reference_that_does_not_belong_to_the_recording_is_refused(reference)
     _, _, y, u = driven()
     with pytest.raises(ValueError, match="reference"):
         tuners.load("ts-ff-lag").tune(u[0], y[0], TS, v_x=20.0, reference=reference)
+
+
+def test_a_plant_whose_responses_do_not_add_up_has_no_part_of_an_input():
+    tuner, still = rival("nonlinear vehicle", Nominal), np.zeros(N)
+    with pytest.raises(ValueError, match="reference"):
+        tuner.tune(still, still, tuner.plant.Ts, reference=still)

@@ -100,3 +100,12 @@ def test_with_the_old_gains_a_loop_is_tuned_as_with_its_reference():
     by_given, given = tuner.assess(drives.recording("reference").part(some))
     np.testing.assert_allclose(by_old.values, by_given.values, rtol=0.1)
     np.testing.assert_array_equal(old.trusted, given.trusted)
+
+
+def test_a_slow_weave_says_that_it_tells_little_of_the_crossover():
+    tuner, drives = tuners.load("ts-ff-lag-vx"), looped()
+    weaves = [i for i, kind in enumerate(drives.manoeuvre) if kind == "slow weave"][:4]
+    _, given = tuner.assess(drives.recording("reference").part(weaves))
+    widest = tuner.plant.metric_setting("widest")
+    assert (1.645 * given.spread > widest).any(axis=1).all()
+    assert not given.trusted.any()

@@ -9,6 +9,7 @@ from benchmarks import page as benchmark_page
 from studies import (
     accuracy_page,
     budget,
+    closed_loops_page,
     comparison,
     dataset_scale,
     learning,
@@ -97,6 +98,7 @@ PAGES = {
     "benchmark": lambda: benchmark_page.to_markdown(stored("benchmark")),
     "plants": lambda: plants.page(stored("plants")),
     "accuracy": lambda: accuracy_page.page(RESULTS),
+    "closed_loops": lambda: closed_loops_page.page(*closed_loops_page.read(stored("closed_loops"))),
     "robustness": lambda: robustness_page.page(*robustness_page.read(stored("robustness"))),
     "README": scoreboard,
 }

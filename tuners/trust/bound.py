@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 PRECISION = 12.0
 """Inverse variance of a uniform density of width one: what a prior knows."""
 
+_SMALLEST = 1e-6  # of a magnitude: where noise in a loop vanishes, nothing is learned either
 _STEP = 1e-3  # of a range: metrics may come from a simulation's samples
 
 
@@ -38,7 +39,7 @@ def bounds(plant: Plant, theta: Array, u: Array | None = None) -> tuple[Array, A
     A uniform prior has the precision 12 in units of its width, which adds to the information
     (van Trees' inequality, for a normal density of the same variance).
     """
-    slopes = output_slopes(plant, theta, u)
+    slopes = _whitened(plant, theta, output_slopes(plant, theta, u))
     sigma, J = plant.sigma(plant.respond(theta, u)), metric_slopes(plant, theta)
     variance = sigma[:, None, None] ** 2
     gram = slopes @ slopes.swapaxes(1, 2) + PRECISION * variance * np.eye(slopes.shape[1])
@@ -48,7 +49,7 @@ def bounds(plant: Plant, theta: Array, u: Array | None = None) -> tuple[Array, A
 
 def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> Array:
     """Least covariance of the unknown parameters, in widths of their ranges, (B, q, q)."""
-    slopes = output_slopes(plant, theta, u)
+    slopes = _whitened(plant, theta, output_slopes(plant, theta, u))
     return covariance_of(slopes, plant.sigma(plant.respond(theta, u)))
 
 
@@ -61,3 +62,22 @@ def metric_slopes(plant: Plant, theta: Array) -> Array:
 def spread(J: Array, covariance: Array) -> Array:
     """Standard deviations (B, f) of metrics for parameters with a covariance (B, q, q)."""
     return np.asarray(np.sqrt(np.einsum("bij,bjk,bik->bi", J, covariance, J)))
+
+
+def _whitened(plant: Plant, theta: Array, slopes: Array) -> Array:
+    """Slopes (B, q, N) as white noise of the sensor sees them, where it went round a linear loop.
+
+    What it becomes in the output is ``noise - simulate(theta, noise)``, a filter S; frequencies
+    are divided by its magnitude.  (S has zeros at the plant's unstable poles, and no stable
+    inverse.)
+    """
+    if not (plant.in_loop and plant.linear):
+        return slopes
+    N = slopes.shape[2]
+    impulse = np.zeros(N)
+    impulse[0] = 1.0
+    response = impulse - plant.respond(theta, impulse)
+    magnitude = np.abs(np.fft.rfft(response, 2 * N))
+    least = _SMALLEST * magnitude.max(axis=1, keepdims=True)
+    divided = np.fft.rfft(slopes, 2 * N) / np.maximum(magnitude, least)[:, None]
+    return np.asarray(np.fft.irfft(divided, 2 * N))

@@ -154,7 +154,7 @@ class Recording:
     def __len__(self) -> int:
         return len(self.y)
 
-    def part(self, index: slice) -> "Recording":
+    def part(self, index: slice | list[int]) -> "Recording":
         """Some of the episodes."""
         u = self.u if len(self.u) == 1 else self.u[index]
         known = None if self.known is None else self.known[index]

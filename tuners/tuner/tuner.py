@@ -357,6 +357,11 @@ class Tuner:
         plant, used = self.plant, recording.resampled(self.plant.Ts)
         if recording.reference is None:
             return used
+        if not plant.linear:
+            raise ValueError(
+                "reference: the responses of this plant do not add up, and no part of its input "
+                "can stand for the whole. Describe the loop as the experiment, with in_loop=True."
+            )
         inputs = np.broadcast_to(recording.u, recording.y.shape)
         explained = projected_on(recording.reference, inputs, recording.Ts, self.black_box)
         u = replace(recording, u=explained).resampled(plant.Ts).u

@@ -234,6 +234,7 @@ _SETTINGS: dict[str, Check] = {
     ),
     "linear": validation.flag,
     "integrating": validation.flag,
+    "in_loop": validation.flag,
     "batched": validation.flag,
     "input": partial(validation.one_of, choices=HOLDS),
     "plausible": partial(_pair, example="(1.0, 20.0)", first=_largest, second=_largest),

@@ -97,6 +97,10 @@ class Plant(Parameters):
         can then be told from the response to its input.
     integrating : bool
         Whether a linear plant's output goes on rising under a constant input.
+    in_loop : bool
+        Whether the experiment runs in a closed loop with a known controller of the error: `u` is
+        then the loop's reference, `simulate` gives its output, and the measurement noise goes
+        round the loop, ``y = simulate(theta, u - noise) + noise``.
     crossover : float, optional
         Frequency at which a loop's metrics are decided [Hz]: noise is looked at around it, and
         the response of a linear plant.
@@ -201,6 +205,7 @@ class Plant(Parameters):
     excite: Callable[[Integers], Array] | None = None
     linear: bool = False
     integrating: bool = False
+    in_loop: bool = False
     crossover: float | None = None
     plausible: tuple[float, float] = (np.inf, np.inf)
     batched: bool = True
@@ -287,6 +292,11 @@ class Plant(Parameters):
             return np.asarray(call("record", self.record, theta, u, keys, out, written))
         clean = np.ascontiguousarray(self.respond(theta, u, rng))
         sigma = self.sigma(clean).copy()
+        if self.in_loop:
+            noise = np.zeros_like(clean)
+            add_white_noise(noise, sigma, keys, noise)
+            clean, sigma = self.respond(theta, u - noise, rng), np.zeros_like(sigma)
+            clean = clean + noise
         measured: Array = np.empty_like(clean) if out is None else out  # type: ignore[assignment]
 
         def work(i: int, j: int) -> None:

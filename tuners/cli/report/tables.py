@@ -35,6 +35,8 @@ CHECKS = {
     "lingering": "Start's response that lasts too long, over the output",
     "bend": "Small amplitudes off the recording's, in metrics' limits",
     "halves": "Halves of the recording off the whole, in metrics' limits",
+    "feedback": "Answer of the input to the output, in standard deviations",
+    "reference": "Answer of the reference to the output, in standard deviations",
     "limited": "Share of the phase margin that is given up",
     "parts": "Spread between parts of the recording, over the widest",
     "louder": "Residual over the noise that the plant declares",
