@@ -103,6 +103,11 @@ def pooled(responses: Sequence[Response], found: Coordinates) -> Response:
     )
 
 
+def carried(response: Response, found: Coordinates, i: int) -> Response:
+    """The response of recording `i` as it would be at the wanted operating point."""
+    return shifted(response, found.reference + found.offsets[i] - response.required)
+
+
 def shifted(response: Response, change: Array) -> Response:
     """The plant that asks for another log magnitude and phase: `change` (B, 2) more of each."""
     factor = np.exp(-change[:, 0] - 1j * change[:, 1])[:, None]

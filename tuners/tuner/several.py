@@ -1,7 +1,6 @@
 """What the answer from several recordings says of each: shares, disagreements, a validation."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +10,13 @@ from tuners.trust.checks import metric_slopes
 from tuners.trust.fit import Fit
 from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.joint import fitted_like
-from tuners.trust.pooled_response import shifted
+from tuners.trust.pooled_response import carried
 from tuners.trust.suspects import explanations
 from tuners.tuner import notes as of_one
 from tuners.tuner.ladder import differs
 from tuners.tuner.look import Look
 from tuners.tuner.method import Rung
-from tuners.tuner.pooling import DISAGREE, Pool, Pooling
+from tuners.tuner.pooling import DISAGREE, Pool, Pooling, responses_of
 from tuners.tuner.result import Result
 from tuners.tuner.shares import Share, Validation
 from yawrate_env.plant.names import split
@@ -177,7 +176,7 @@ def validation(
     """
     from scipy.stats import chi2
 
-    plant, joint, found = pooling.plant, pool.joint, pool.assessment
+    plant, joint = pooling.plant, pool.joint
     alone = pooling.alone
     fit = fitted_like(plant, joint, other.model, other.fit, other.used.y)
     every, fits = [*looks, other], (*joint.fits, fit)
@@ -187,16 +186,16 @@ def validation(
     distance = float(estimates.distances(among)[-1, 0])
     chance = float(chi2.sf(distance, estimates.freedom))
     seen = pooling.coordinates(every, fits, joint.at(plant, pool.theta))
-    shift = pooling.shifted(len(looks), among, estimates, seen, found, gains)
-    if seen is not None and found.response is not None and other.response is not None:
-        moved = shifted(found.response, np.zeros((1, 2)))
-        spread = replace(moved, covariance=other.response.covariance).spread(gains)[0]
-        metrics = found.response.metrics(gains)[0]
+    fitted, responses = joint.at(plant, pool.theta), responses_of(every)
+    shift = pooling.shifted(len(looks), among, estimates, seen, fitted, responses, gains)
+    if seen is not None:
+        own = carried(responses[-1], seen, len(looks))
+        values, spread = own.metrics(gains)[0], own.spread(gains)[0]
     else:
-        J = metric_slopes(plant, found.fit, gains)
+        J = metric_slopes(plant, fitted, gains)
         spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, other.fit.covariance, J))[0]
-        metrics = plant.metric_values(found.fit.theta, gains)[0]
-    values, half = metrics + shift[0], np.array(factors) * spread
+        values = plant.metric_values(fitted.theta, gains)[0] + shift[0]
+    half = np.array(factors) * spread
     intervals = {
         name: Interval(float(v), float(v - h), float(v + h))
         for name, v, h in zip(plant.counted, values, half, strict=True)
