@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 from first_order import SIGMA, TS, U, linear, plant
+from vehicle_logs import VEHICLE, black, drive, learned
 
 import tuners
-from studies.draws import draw
 from tuners.trust.agreement import Estimates, against_others
 from tuners.trust.black_box import black_box, functions_for
 from tuners.trust.fit import fit
@@ -17,12 +17,11 @@ from tuners.trust.pooled_response import Coordinates, mean, pooled, shifted
 from tuners.tuner.method import Rung
 from tuners.tuner.recording import Recording
 from yawrate_env.signals.excitation import prbs
-from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 TRUTH = np.array([1.2, 0.5])
 SETS, LOGS = 64, 4
-VEHICLE = yaw_rate(Task(prior=Prior(v_x=(10.0, 33.0))))
 
 
 @cache
@@ -104,26 +103,6 @@ def test_offsets_are_pooled_by_their_covariances():
         right = sum(precision[i, b] @ offsets[i, b] for i in range(3))
         np.testing.assert_allclose(covariance[b] @ total, np.eye(2), atol=1e-9)
         np.testing.assert_allclose(found[b], np.linalg.solve(total, right))
-
-
-def drive(mu_s, v_x, episode, *, M_delta=120.0, vehicle=None, seconds=10.0, snr_db=30.0):
-    """One recording of a vehicle with a random register, which knows its speed alone."""
-    experiment = Experiment(register="random", N=round(1000 * seconds), snr_db=snr_db)
-    given = {} if vehicle is None else {"vehicle": vehicle}
-    made = yaw_rate(Task(prior=Prior(v_x=(10.0, 33.0)), experiment=experiment, **given))
-    found = draw(made, "test", 4, episode, 1)
-    y = made.measure(np.array([[mu_s, M_delta, v_x]]), found.u, found.keys)
-    return Recording(found.u, y, made.Ts, np.array([[np.nan, np.nan, v_x]]))
-
-
-@cache
-def learned():
-    return tuners.load("ts-ff-lag-vx")
-
-
-@cache
-def black():
-    return tuners.load("bb", VEHICLE)
 
 
 @cache
