@@ -17,7 +17,7 @@ STAMP := $(VENV)/.installed
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 .SUFFIXES:
 .DEFAULT_GOAL := help
-.PHONY: help venv test test-fast lint reproduce results accuracy robustness benchmark models clean
+.PHONY: help venv test test-fast lint reproduce results accuracy robustness several benchmark models clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -80,6 +80,10 @@ accuracy: $(STAMP) ## results/accuracy.md and its tables; about an hour
 robustness: $(STAMP) ## results/robustness.md: who breaks where; ten minutes
 	@echo "==> scripts/robustness.py"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/robustness.py --readme README.md
+
+several: $(STAMP) ## results/several.md: what several logs of one vehicle are worth; half an hour
+	@echo "==> scripts/several.py"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/several.py
 
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"

@@ -59,6 +59,7 @@ def test_black_boxes_answer_at_their_own_speeds(drives):
     np.testing.assert_allclose(found.gains, truth, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_where_the_plants_data_are_wrong_recordings_answer_alone():
     base = Task().vehicle
     other = replace(base, C_f=1.2 * base.C_f, J_z=0.85 * base.J_z)
@@ -66,6 +67,7 @@ def test_where_the_plants_data_are_wrong_recordings_answer_alone():
     assert found.alone and found.values.tolist() == list(SPEEDS) and len(found.notes) > 1
 
 
+@pytest.mark.slow
 def test_a_plant_that_is_no_vehicle_has_a_schedule():
     """Over the gain K, which is measured; T is unknown and the same."""
     rng, given = np.random.default_rng(3), []
