@@ -204,7 +204,8 @@ class Pooling:
         if seen is not None:
             others = replace(seen, precision=seen.precision * among[..., None, None])
             here = carried(responses[i], seen, i).metrics(gains)
-            return np.asarray(here - pooled(responses, others).metrics(gains))
+            with np.errstate(invalid="ignore"):
+                return np.asarray(here - pooled(responses, others).metrics(gains))
         held = (found.information * among[..., None, None]).sum(axis=0)
         right = (found.right * among[..., None]).sum(axis=0)
         pairs = (found.information[i], found.right[i]), (held, right)

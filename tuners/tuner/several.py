@@ -13,7 +13,7 @@ from tuners.trust.joint import fitted_like
 from tuners.trust.pooled_response import carried
 from tuners.trust.suspects import explanations
 from tuners.tuner import notes as of_one
-from tuners.tuner.ladder import differs
+from tuners.tuner.ladder import FINE, differs
 from tuners.tuner.look import Look
 from tuners.tuner.method import Rung
 from tuners.tuner.pooling import DISAGREE, Pool, Pooling, responses_of
@@ -89,7 +89,7 @@ def causes(plant: Plant, look: Look, others: Sequence[Fit]) -> tuple[str, ...]:
                 here, there = (f"{value:.3g}" for value in values)
                 said.append(f"{label} {here} instead of {there} {unit}".rstrip())
     words = [f"Fitted alone it has {' and '.join(said)}."] if said else []
-    if look.response is not None and _contradicted(look):
+    if look.response is not None and not look.still[0] and _contradicted(look):
         words += explanations(plant, look.model, look.fit, 0)
     return tuple(words)
 
@@ -109,7 +109,7 @@ def left(plant: Plant, looks: Sequence[Look], pool: Pool) -> tuple[str, ...]:
     climbed, found = pool.climbed, pool.assessment
     if climbed.rung[0] < Rung.BLACK_BOX or found.response is None:
         return ()
-    if (GAUSSIAN * found.spread[0] > plant.metric_setting("widest")).any():
+    if not (GAUSSIAN * found.spread[0] <= plant.metric_setting("widest")).all():
         return ()  # so little is known that no difference means anything
     excess = [
         float((fit.residual[0] ** 2).sum() / max(float(look.model.residual[0]), 1e-300))
@@ -200,10 +200,8 @@ def validation(
         name: Interval(float(v), float(v - h), float(v + h))
         for name, v, h in zip(plant.counted, values, half, strict=True)
     }
-    within = all(
-        interval.low <= result.intervals[name].high and interval.high >= result.intervals[name].low
-        for name, interval in intervals.items()
-    )
+    gaps = np.array([_gap(each, result.intervals[name]) for name, each in intervals.items()])
+    within = bool((gaps <= FINE * plant.metric_setting("error")).all())
     agrees = chance >= CHANCE
     kept = [look.fit for look in looks]
     against = Share(
@@ -225,6 +223,11 @@ def validation(
     off = np.abs(shift[0]) > plant.metric_setting("error")
     matters = bool((off | ~np.isfinite(shift[0])).any())
     return Validation(float(reproduced), float(attainable), intervals, within, matters, against)
+
+
+def _gap(one: Interval, other: Interval) -> float:
+    """Distance between two intervals; negative where they overlap."""
+    return max(one.low - other.high, other.low - one.high)
 
 
 def _left_by_black_boxes(looks: Sequence[Look], other: Look) -> Array:
