@@ -52,7 +52,7 @@ CLI_PAGE = """\
 | 0 | done; of `tune`: the gains are usable, with care or without |
 | 1 | a log, a tuner or a plant's file cannot be used; the reason is on stderr |
 | 2 | wrong usage |
-| 3 | of `tune`: the gains are refused, or take care under `--strict`; the output says why |
+| 3 | gains are refused, or take care under `--strict`, or `--validate` contradicts them |
 
 {commands}
 
@@ -131,6 +131,14 @@ the stretch, the measured parameters and the excitation, `fit` the estimated par
 the recording started from, `checks` every check with value and limit, `forms` a PI controller's
 usual forms. What does not exist is `null`: where a tuner finds no gains, `status` says why, and
 `fallback` has gains that are stable for every plant of the prior.
+
+For several logs `log` is `null` and `logs` has an entry for each, with its `share` of the
+information, and whether it `agrees` with the others: `chi_square`, which is about `freedom` for
+one plant, the `chance` of as much, the `difference` that it makes to the metrics of these gains,
+and the `parameters` of the plant fitted to it alone; for one log `logs` is empty. `validation` is
+`null` without `--validate`, and else says the same of that log, with `fit_percent`,
+`attainable_percent` (a model of this log alone), its `metrics`, whether it `agrees`, and whether it
+`contradicts` the gains by more than they may miss.
 """
 
 

@@ -57,7 +57,7 @@ def write(
         "accuracy": [asdict(b) for b in bins],
         "wrong_speed": [{**asdict(p), "degrees": p.degrees} for p in prices],
     }
-    text = json.dumps(_finite(found), indent=1, allow_nan=False)
+    text = json.dumps(finite(found), indent=1, allow_nan=False)
     write_text(folder / "schedule.json", text + "\n")
     write_text(folder / "schedule.md", page(rows, bins, prices, episodes, seed))
 
@@ -128,10 +128,10 @@ def _prices(prices: Sequence[Price]) -> str:
     )
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """The same with None for what JSON cannot say."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -61,7 +61,7 @@ def log(case, tmp_path):
 
 KEYS = {
     "gains", "metrics", "trusted", "reasons", "notes", "status", "converged", "fallback",
-    "verdict", "answered_by", "left", "metrics_if_plant_exact",
+    "verdict", "answered_by", "left", "metrics_if_plant_exact", "logs", "validation",
     "parameters", "deviations", "units", "checks", "forms", "target", "tuner", "plant", "log",
     "fit",
 }  # fmt: skip

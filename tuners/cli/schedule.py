@@ -106,5 +106,7 @@ def command(
         from tuners.export import write_schedule
 
         write_schedule(found, program)
+        if not found.trusted:
+            click.echo(f"{program}: some of these gains are refused.", err=True)
     click.echo(texts.as_json(found, read, name) if machine else texts.as_text(found, read))
     sys.exit(0 if found.trusted else REFUSED)

@@ -55,7 +55,10 @@ class Estimates:
         """Black boxes' coefficients on what fitted plants leave over."""
         parts = []
         for model, fit, response in zip(models, fits, responses, strict=True):
-            noise = response.noise * np.where(response.colour > _COLOURED, response.colour, 1.0)
+            N, free = fit.residual.shape[1], model.functions.order + model.extra
+            independent = np.maximum(N / model.oversampled - free, 1.0)
+            noise = response.noise * (1 + free / independent)  # of so many unknowns it lost
+            noise = noise * np.where(response.colour > _COLOURED, response.colour, 1.0)
             weight = 1 / np.where(noise > 0, noise * model.oversampled, np.inf)
             nothing = np.empty((0, model.u.shape[1]))
             right = model.functions.normal_equations(model.u, fit.residual, model.Ts, nothing)[1]

@@ -47,7 +47,8 @@ class Coordinates:
         cls, responses: Sequence[Response], references: Array, reference: Array
     ) -> "Coordinates":
         """From recordings' responses, the plant's at their operating points (L, B, 2), and here."""
-        offsets = np.stack([each.required for each in responses]) - references
+        with np.errstate(invalid="ignore"):
+            offsets = np.stack([each.required for each in responses]) - references
         covariance = np.stack([each.covariance for each in responses])
         shown = np.asarray(np.isfinite(offsets).all(axis=2))
         shown &= np.isfinite(covariance).all(axis=(2, 3))
@@ -104,10 +105,19 @@ def pooled(responses: Sequence[Response], found: Coordinates) -> Response:
     )
 
 
+def carried(response: Response, found: Coordinates, i: int) -> Response:
+    """The response of recording `i` as it would be at the wanted operating point."""
+    with np.errstate(invalid="ignore"):
+        change = found.reference + found.offsets[i] - response.required
+    return shifted(response, change)
+
+
 def shifted(response: Response, change: Array) -> Response:
     """The plant that asks for another log magnitude and phase: `change` (B, 2) more of each."""
-    factor = np.exp(-change[:, 0] - 1j * change[:, 1])[:, None]
-    return replace(response, values=response.values * factor, required=response.required + change)
+    with np.errstate(invalid="ignore", over="ignore"):
+        factor = np.exp(-change[:, 0] - 1j * change[:, 1])[:, None]
+        values, required = response.values * factor, response.required + change
+    return replace(response, values=values, required=required)
 
 
 def _values(

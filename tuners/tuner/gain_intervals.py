@@ -25,10 +25,10 @@ def gain_intervals(
     response = found.response
     if response is None:
         return exact_gain_intervals(plant, gains, found, i, factor)
-    J = _decoding(plant, gains)
-    covariance = response.covariance[i]
-    return _around(plant, gains, J @ np.where(np.isfinite(covariance), covariance, np.inf) @ J.T,
-                   factor)  # fmt: skip
+    with np.errstate(all="ignore"):
+        J = _decoding(plant, gains)
+        covariance = J @ response.covariance[i] @ J.T
+    return _around(plant, gains, covariance, factor)
 
 
 def exact_gain_intervals(
@@ -42,8 +42,12 @@ def exact_gain_intervals(
     theta = fit.theta[[i]]
     if not (np.isfinite(theta).all() and np.isfinite(covariance).all()):
         return _around(plant, gains, np.full((len(gains), len(gains)), np.nan), factor)
-    J = central(plant, theta, plant.oracle, _OF_RANGE)[0]
-    return _around(plant, gains, J @ covariance @ J.T, factor)
+    try:
+        J = central(plant, theta, plant.oracle, _OF_RANGE)[0]
+    except ValueError:  # a plant's own design rule may refuse a neighbour
+        J = np.full((len(gains), len(plant.unknown)), np.nan)
+    with np.errstate(all="ignore"):
+        return _around(plant, gains, J @ covariance @ J.T, factor)
 
 
 def _around(plant: Plant, gains: Array, covariance: Array, factor: float) -> dict[str, Interval]:

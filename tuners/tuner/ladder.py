@@ -36,7 +36,9 @@ _NEGLIGIBLE = 0.02  # of a metric's `error`: differences that are none
 _CONTRADICTED = 16.0  # squared distance over its covariance, by chance once in 3000 recordings
 _NOT_CONFIRMED = "The learner's gains differ from the fitted plant's, which the recording confirms."
 _NOT_FITTED = "No plant of the prior reproduces this recording, or none of its gains suit it."
-_FINE = 0.04  # of a metric's `error`: what the functions' truncation may cost
+
+FINE = 0.04
+"""Of a metric's `error`: what the truncation of a black box's functions may cost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +88,7 @@ def contrast(plant: Plant, refined: Array, response: Response | None) -> tuple[A
     with np.errstate(invalid="ignore"):
         difference = response.metrics(refined) - response.reached
         covariance = response.metric_covariance(response.gains)
-        fine = np.diag((_FINE * plant.metric_setting("error")) ** 2)
+        fine = np.diag((FINE * plant.metric_setting("error")) ** 2)
         covariance = np.where(np.isfinite(covariance), covariance, 0.0) + fine
         weighted = np.linalg.solve(covariance, difference[..., None])[..., 0]
         distance = (difference * weighted).sum(axis=1)

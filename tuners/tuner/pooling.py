@@ -18,8 +18,7 @@ from tuners.trust.checks import Assessment, assess, metric_slopes
 from tuners.trust.findings import MISS
 from tuners.trust.fit import Fit
 from tuners.trust.joint import Joint, fitted_like, joint_fit
-from tuners.trust.pooled_response import Coordinates, pooled, shifted
-from tuners.trust.pooled_response import mean as weighted
+from tuners.trust.pooled_response import Coordinates, carried, pooled
 from tuners.trust.response import Response
 from tuners.trust.verdict import Finding
 from tuners.tuner.ladder import Climb, climb
@@ -133,7 +132,8 @@ class Pooling:
         fitted = joint.at(plant, theta)
         together = self.together(looks, theta)
         seen = self.coordinates(looks, joint.fits, fitted)
-        response = None if seen is None else pooled(_responses(looks), seen)
+        responses = responses_of(looks)
+        response = None if seen is None else pooled(responses, seen)
         own, rungs = self._own(looks, seen, joint, together)
         climbed = climb(plant, rungs, own, fitted, response, known)
         if not together:
@@ -145,7 +145,7 @@ class Pooling:
         estimates, fits = kept.estimates(), kept.fits
         compared = self.coordinates(looks, fits, _like(fits[0], plant, theta))
         shift = np.stack([
-            self.shifted(i, among, estimates, compared, assessment, climbed.gains.values)
+            self.shifted(i, among, estimates, compared, fitted, responses, climbed.gains.values)
             for i, among in enumerate(_others(apart))
         ])  # fmt: skip
         shares = joint.shares
@@ -188,7 +188,7 @@ class Pooling:
         if plant.loop_target is None:
             return Estimates.of_fits([look.fit for look in looks], plant.unknown, plant.width)
         models = [look.model for look in looks]
-        return Estimates.of_responses(models, list(fits), _responses(looks))
+        return Estimates.of_responses(models, list(fits), responses_of(looks))
 
     def shifted(
         self,
@@ -196,19 +196,21 @@ class Pooling:
         among: Flags,
         found: Estimates,
         seen: Coordinates | None,
-        assessment: Assessment,
+        fitted: Fit,
+        responses: Sequence[Response],
         gains: Array,
     ) -> Array:
         """Metrics (B, f) of gains with recording `i`'s plant, less those `among` others (L, B)."""
-        if seen is not None and assessment.response is not None:
-            _, others = weighted(seen.offsets, seen.precision * among[..., None, None])
-            moved = shifted(assessment.response, seen.offsets[i] - others)
-            return moved.metrics(gains) - assessment.response.metrics(gains)
+        if seen is not None:
+            others = replace(seen, precision=seen.precision * among[..., None, None])
+            here = carried(responses[i], seen, i).metrics(gains)
+            with np.errstate(invalid="ignore"):
+                return np.asarray(here - pooled(responses, others).metrics(gains))
         held = (found.information * among[..., None, None]).sum(axis=0)
         right = (found.right * among[..., None]).sum(axis=0)
         pairs = (found.information[i], found.right[i]), (held, right)
         own, others = ((np.linalg.pinv(G) @ b[..., None])[..., 0] for G, b in pairs)
-        J = metric_slopes(self.plant, assessment.fit, gains)
+        J = metric_slopes(self.plant, fitted, gains)
         return np.asarray((J @ (own - others)[..., None])[..., 0])
 
     def coordinates(
@@ -222,7 +224,7 @@ class Pooling:
         if not self.together(looks, fitted.theta):
             here = self.reference(fitted)
             references = np.stack([self.reference(each) for each in fits])
-        return Coordinates.of(_responses(looks), references, here)
+        return Coordinates.of(responses_of(looks), references, here)
 
     def reference(self, fitted: Fit) -> Array:
         """Log magnitude and phase (B, 2) of the design rule's controller for fitted plants."""
@@ -354,5 +356,6 @@ def in_a_row(models: Sequence[BlackBox]) -> BlackBox:
     )
 
 
-def _responses(looks: Sequence[Look]) -> list[Response]:
+def responses_of(looks: Sequence[Look]) -> list[Response]:
+    """What the recordings show themselves, where the plant's metrics are a loop's."""
     return [look.response for look in looks if look.response is not None]

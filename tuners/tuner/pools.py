@@ -13,7 +13,7 @@ from tuners.tuner import several
 from tuners.tuner.ladder import Climb
 from tuners.tuner.look import Look
 from tuners.tuner.method import Method, Rung
-from tuners.tuner.pooling import Pool, Pooling
+from tuners.tuner.pooling import DISAGREE, Pool, Pooling
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import Result
 from yawrate_env import validation
@@ -140,7 +140,9 @@ def _same(one: Recording, other: Recording) -> bool:
 
 def near(pooling: Pooling, looks: Sequence[Look], pool: Pool) -> list[Look]:
     """Recordings of the wanted operating point, where those of others contradict the plant."""
-    if pool.climbed.rung[0] != Rung.NONE or pooling.plant.loop_target is None:
+    (check,) = (each for each in pool.assessment.checks(0) if each.name == DISAGREE)
+    answered = pool.climbed.rung[0] != Rung.NONE and check.passed
+    if answered or pooling.plant.loop_target is None:
         return []
     found = [look for look in looks if pooling.together([look], pool.theta)]
     return found if len(found) < len(looks) else []

@@ -1,7 +1,6 @@
 """What the answer from several recordings says of each: shares, disagreements, a validation."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +10,13 @@ from tuners.trust.checks import metric_slopes
 from tuners.trust.fit import Fit
 from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.joint import fitted_like
-from tuners.trust.pooled_response import shifted
+from tuners.trust.pooled_response import carried
 from tuners.trust.suspects import explanations
 from tuners.tuner import notes as of_one
-from tuners.tuner.ladder import differs
+from tuners.tuner.ladder import FINE, differs
 from tuners.tuner.look import Look
 from tuners.tuner.method import Rung
-from tuners.tuner.pooling import DISAGREE, Pool, Pooling
+from tuners.tuner.pooling import DISAGREE, Pool, Pooling, responses_of
 from tuners.tuner.result import Result
 from tuners.tuner.shares import Share, Validation
 from yawrate_env.plant.names import split
@@ -90,7 +89,7 @@ def causes(plant: Plant, look: Look, others: Sequence[Fit]) -> tuple[str, ...]:
                 here, there = (f"{value:.3g}" for value in values)
                 said.append(f"{label} {here} instead of {there} {unit}".rstrip())
     words = [f"Fitted alone it has {' and '.join(said)}."] if said else []
-    if look.response is not None and _contradicted(look):
+    if look.response is not None and not look.still[0] and _contradicted(look):
         words += explanations(plant, look.model, look.fit, 0)
     return tuple(words)
 
@@ -110,7 +109,7 @@ def left(plant: Plant, looks: Sequence[Look], pool: Pool) -> tuple[str, ...]:
     climbed, found = pool.climbed, pool.assessment
     if climbed.rung[0] < Rung.BLACK_BOX or found.response is None:
         return ()
-    if (GAUSSIAN * found.spread[0] > plant.metric_setting("widest")).any():
+    if not (GAUSSIAN * found.spread[0] <= plant.metric_setting("widest")).all():
         return ()  # so little is known that no difference means anything
     excess = [
         float((fit.residual[0] ** 2).sum() / max(float(look.model.residual[0]), 1e-300))
@@ -177,7 +176,7 @@ def validation(
     """
     from scipy.stats import chi2
 
-    plant, joint, found = pooling.plant, pool.joint, pool.assessment
+    plant, joint = pooling.plant, pool.joint
     alone = pooling.alone
     fit = fitted_like(plant, joint, other.model, other.fit, other.used.y)
     every, fits = [*looks, other], (*joint.fits, fit)
@@ -187,24 +186,22 @@ def validation(
     distance = float(estimates.distances(among)[-1, 0])
     chance = float(chi2.sf(distance, estimates.freedom))
     seen = pooling.coordinates(every, fits, joint.at(plant, pool.theta))
-    shift = pooling.shifted(len(looks), among, estimates, seen, found, gains)
-    if seen is not None and found.response is not None and other.response is not None:
-        moved = shifted(found.response, np.zeros((1, 2)))
-        spread = replace(moved, covariance=other.response.covariance).spread(gains)[0]
-        metrics = found.response.metrics(gains)[0]
+    fitted, responses = joint.at(plant, pool.theta), responses_of(every)
+    shift = pooling.shifted(len(looks), among, estimates, seen, fitted, responses, gains)
+    if seen is not None:
+        own = carried(responses[-1], seen, len(looks))
+        values, spread = own.metrics(gains)[0], own.spread(gains)[0]
     else:
-        J = metric_slopes(plant, found.fit, gains)
+        J = metric_slopes(plant, fitted, gains)
         spread = np.sqrt(np.einsum("bij,bjk,bik->bi", J, other.fit.covariance, J))[0]
-        metrics = plant.metric_values(found.fit.theta, gains)[0]
-    values, half = metrics + shift[0], np.array(factors) * spread
+        values = plant.metric_values(fitted.theta, gains)[0] + shift[0]
+    half = np.array(factors) * spread
     intervals = {
         name: Interval(float(v), float(v - h), float(v + h))
         for name, v, h in zip(plant.counted, values, half, strict=True)
     }
-    within = all(
-        interval.low <= result.intervals[name].high and interval.high >= result.intervals[name].low
-        for name, interval in intervals.items()
-    )
+    gaps = np.array([_gap(each, result.intervals[name]) for name, each in intervals.items()])
+    within = bool((gaps <= FINE * plant.metric_setting("error")).all())
     agrees = chance >= CHANCE
     kept = [look.fit for look in looks]
     against = Share(
@@ -226,6 +223,11 @@ def validation(
     off = np.abs(shift[0]) > plant.metric_setting("error")
     matters = bool((off | ~np.isfinite(shift[0])).any())
     return Validation(float(reproduced), float(attainable), intervals, within, matters, against)
+
+
+def _gap(one: Interval, other: Interval) -> float:
+    """Distance between two intervals; negative where they overlap."""
+    return max(one.low - other.high, other.low - one.high)
 
 
 def _left_by_black_boxes(looks: Sequence[Look], other: Look) -> Array:
