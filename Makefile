@@ -65,6 +65,8 @@ results: reproduce accuracy robustness ## everything in results/: also five seed
 		echo "==> scripts/compare_plant.py $$plant"; \
 		$(BIN)/python scripts/compare_plant.py examples/plants/$$plant.py || exit 1; \
 	done
+	@echo "==> scripts/recalibration.py"
+	@$(BIN)/python scripts/recalibration.py
 	@echo "==> scripts/make_results.py"
 	@$(BIN)/python scripts/make_results.py
 

@@ -1,8 +1,8 @@
 """A recurrent policy for ``yawrate/PIRecalibration-v0``, taught by the simulator.
 
 A gated recurrent unit (Cho et al., 2014) reads the environment's observations window by window and
-gives the gains' two coordinates.  The simulator is the teacher: targets are the coordinates that the
-design rule has for the vehicle of the window to come, and the loss is the margins' distance,
+gives the gains' two coordinates.  The simulator is the teacher: targets are the coordinates that
+the design rule has for the vehicle of the window to come, and the loss is the margins' distance,
 smoothed at its foot.  It sees what every agent sees, and nothing of the walk, the noise or the rule
 but through drives.
 """
@@ -56,7 +56,7 @@ class Taught:
 
 
 def at_start(network: Any, interface: RecalibrationInterface, start: Course) -> Taught:
-    """Before the first window: no window has told anything, and the gains are those of the start."""
+    """Before the first window: nothing has been told, and the gains are those of the start."""
     count = len(start)
     obs = np.zeros((count, FEATURES), np.float32)
     obs[:, 6:8] = interface.actions(start.gains)[:, :2]
@@ -74,8 +74,10 @@ def taught(interface: RecalibrationInterface, drives: int, seed: int) -> Any:
     steps = EPOCHS * -(-drives // BATCH)
     falling = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=steps)
     width = torch.from_numpy((interface.high - interface.low) / 2 * [_PER_LOG, _PER_RADIAN]).float()
-    for _ in range(EPOCHS):
-        for rows in torch.randperm(drives).split(BATCH):
+    for epoch in range(EPOCHS):
+        order = np.random.default_rng((seed, epoch)).permutation(drives)
+        for first in range(0, drives, BATCH):
+            rows = torch.from_numpy(order[first : first + BATCH])
             unit, _ = network(obs[rows], None)
             error = (unit - targets[rows]) * width
             loss = (error.square().sum(dim=2) + _FOOT**2).sqrt().mean()
