@@ -19,6 +19,7 @@ from studies import (
     plants,
     ratios,
     readme,
+    recalibration_page,
     results_page,
     robustness_page,
     schedule_page,
@@ -97,6 +98,7 @@ PAGES = {
     "benchmark": lambda: benchmark_page.to_markdown(stored("benchmark")),
     "plants": lambda: plants.page(stored("plants")),
     "accuracy": lambda: accuracy_page.page(RESULTS),
+    "recalibration": lambda: recalibration_page.page(stored("recalibration")),
     "robustness": lambda: robustness_page.page(*robustness_page.read(stored("robustness"))),
     "README": scoreboard,
 }
