@@ -44,7 +44,7 @@ The filter assumes the noise and the vehicle of the first row.
 ## Speed
 
 The native batch environment, {batch} drives, {cores} cores: **{speed} windows a second**, features,
-design and margins included. Shares of the time, measured alone:
+design and margins included (the fastest of the rounds). Shares of the time, each measured alone:
 
 {shares}"""
 
