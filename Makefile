@@ -65,6 +65,8 @@ results: reproduce accuracy robustness closed-loops ## everything in results/: a
 		echo "==> scripts/compare_plant.py $$plant"; \
 		$(BIN)/python scripts/compare_plant.py examples/plants/$$plant.py || exit 1; \
 	done
+	@echo "==> scripts/recalibration.py"
+	@$(BIN)/python scripts/recalibration.py
 	@echo "==> scripts/make_results.py"
 	@$(BIN)/python scripts/make_results.py
 

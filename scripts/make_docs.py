@@ -2,14 +2,14 @@
 
     python scripts/make_docs.py [--check] [--folder docs]
 
-environment.md is the environment's docstring, in the form of Gymnasium's pages; cli.md is
-what `yawrate --help` says of every command.  With --check nothing is written; the exit
-status is 1 if a page is out of date.
+environment.md and recalibration_environment.md are the environments' docstrings, in the form of
+Gymnasium's pages; cli.md is what `yawrate --help` says of every command.  With --check nothing is
+written; the exit status is 1 if a page is out of date.
 """
 
 import argparse
 import inspect
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
@@ -17,17 +17,16 @@ import gymnasium
 
 from tuners.cli import COMMANDS
 from tuners.cli import main as yawrate
-from yawrate_env import ENV_ID
+from yawrate_env import ENV_ID, RECALIBRATION_ID
+from yawrate_env.env.recalibration_env import PIRecalibrationEnv
 from yawrate_env.env.yaw_rate_env import PITuningEnv
 
 PAGE = """\
-<!-- Written by scripts/make_docs.py from the docstring of PITuningEnv: edit that. -->
+<!-- Written by scripts/make_docs.py from the docstring of {name}: edit that. -->
 
-# PI tuning
+# {title}
 
-![Vehicles tuned one after the other](../figures/environment.gif)
-
-{summary}
+{picture}{summary}
 
 | | |
 |---|---|
@@ -52,7 +51,8 @@ CLI_PAGE = """\
 | 0 | done; of `tune`: the gains are usable, with care or without |
 | 1 | a log, a tuner or a plant's file cannot be used; the reason is on stderr |
 | 2 | wrong usage |
-| 3 | gains are refused, or take care under `--strict`, or `--validate` contradicts them |
+| 3 | of `tune`: the gains are refused, or take care under `--strict`, or `--validate` contradicts them |
+| 3 | of `check`: margins are not as promised, or the drive cannot tell |
 
 {commands}
 
@@ -142,14 +142,20 @@ and the `parameters` of the plant fitted to it alone; for one log `logs` is empt
 """
 
 
-def environment_page() -> str:
-    summary, sections = inspect.cleandoc(PITuningEnv.__doc__ or "").split("\n\n", 1)
-    env = gymnasium.make(ENV_ID)
+PICTURE = "![Vehicles tuned one after the other](../figures/environment.gif)\n\n"
+
+
+def environment_page(kind: type, id: str, title: str, picture: str = "") -> str:
+    summary, sections = inspect.cleandoc(kind.__doc__ or "").split("\n\n", 1)
+    env = gymnasium.make(id)
     return PAGE.format(
+        name=kind.__name__,
+        title=title,
+        picture=picture,
         summary=summary,
         action_space=box(env.action_space),
         observation_space=box(env.observation_space),
-        id=ENV_ID,
+        id=id,
         sections=sections,
     )
 
@@ -173,7 +179,13 @@ def cli_page() -> str:
     return CLI_PAGE.format(introduction=yawrate.help, commands="\n\n".join(sections))
 
 
-PAGES = {"environment.md": environment_page, "cli.md": cli_page}
+PAGES: dict[str, Callable[[], str]] = {
+    "environment.md": lambda: environment_page(PITuningEnv, ENV_ID, "PI tuning", PICTURE),
+    "recalibration_environment.md": lambda: environment_page(
+        PIRecalibrationEnv, RECALIBRATION_ID, "PI re-calibration"
+    ),
+    "cli.md": cli_page,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

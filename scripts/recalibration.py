@@ -1,6 +1,6 @@
 """Keep gains right while friction walks and jumps: who does how well, beside the bound.
 
-python scripts/recalibration.py               # results/recalibration.*, about ten minutes
+python scripts/recalibration.py               # results/recalibration.*, half an hour
 python scripts/recalibration.py --speed       # measures the environment's speed again, nothing else
 """
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from studies import recalibration, recalibration_page
+from studies import recalibration, recalibration_agent, recalibration_page
 from studies.program import FOLDER, counted, program, seed
 from tuners.cli.progress import Bars
 from yawrate_env.files import write_text
@@ -18,6 +18,8 @@ from yawrate_env.files import write_text
 @program(__doc__)
 @counted("--drives", 400, "Of 50 windows each; a quarter of them under each fault.")
 @counted("--tuned", 20, "Drives on which tuners answer every window.")
+@counted("--networks", 3, "Seeds of the recurrent network.")
+@counted("--lessons", 1000, "Drives that teach each.")
 @click.option("--tuner", "names", multiple=True, default=("bb", "ts-ff-lag-vx"), help="Tuners.")
 @seed(help="Of the drives.")
 @counted("--batch", 256, "Drives in the environment whose speed is measured.")
@@ -27,6 +29,8 @@ from yawrate_env.files import write_text
 def main(
     drives: int,
     tuned: int,
+    networks: int,
+    lessons: int,
     names: tuple[str, ...],
     seed: int,
     batch: int,
@@ -41,6 +45,7 @@ def main(
             found = json.loads(stored.read_text())
         else:
             found = recalibration.study(drives, tuned, seed, names, bars)
+            found["rows"] += recalibration_agent.rows(drives, lessons, networks, seed, bars)
     found["speed"] = recalibration.speed(batch, rounds)
     write_text(stored, json.dumps(found, indent=1, allow_nan=False) + "\n")
     page = recalibration_page.page(found)

@@ -20,6 +20,7 @@ from studies import (
     plants,
     ratios,
     readme,
+    recalibration_page,
     results_page,
     robustness_page,
     schedule_page,
@@ -99,6 +100,7 @@ PAGES = {
     "plants": lambda: plants.page(stored("plants")),
     "accuracy": lambda: accuracy_page.page(RESULTS),
     "closed_loops": lambda: closed_loops_page.page(*closed_loops_page.read(stored("closed_loops"))),
+    "recalibration": lambda: recalibration_page.page(stored("recalibration")),
     "robustness": lambda: robustness_page.page(*robustness_page.read(stored("robustness"))),
     "README": scoreboard,
 }

@@ -14,6 +14,7 @@ from yawrate_env.env.interface import Array, Observation, copied
 from yawrate_env.env.recalibration_interface import RecalibrationInterface
 from yawrate_env.env.vector_env import Flags, TuningVectorEnv
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.drive_conditions import START_INTEGERS, WINDOW_INTEGERS, Conditions, Window
 from yawrate_env.vehicle.drives import Course, Drives
 from yawrate_env.vehicle.single_track import Vehicle
@@ -182,6 +183,11 @@ class PIRecalibrationEnv(gymnasium.Env[Observation, Array]):
         self._course: Course | None = None
         self._coming: Window | None = None
         self._left = 0
+
+    @property
+    def plant(self) -> Plant:
+        """The family of cars, as of the other environments."""
+        return self.interface.plant
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

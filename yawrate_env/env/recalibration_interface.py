@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from yawrate_env import validation
 from yawrate_env.env.interface import Array, Info, Observation
+from yawrate_env.plant.action_bounds import action_bounds
 from yawrate_env.plant.parametrisation import loop, scale_to_bounds
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, PHASE_SCALE
+from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.reward import UNSTABLE, defined, reward
 from yawrate_env.signals.excitation import prbs
 from yawrate_env.vehicle.drive_conditions import Integers, Window
@@ -22,7 +24,7 @@ from yawrate_env.vehicle.drive_estimate import Estimate
 from yawrate_env.vehicle.drives import Course, Driven, Drives
 from yawrate_env.vehicle.single_track import CONTEXT, check_parameter
 from yawrate_env.vehicle.task import Prior, Task
-from yawrate_env.vehicle.yaw_rate import Vehicles
+from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 FEATURES = 9
 SAFE_MARGIN = 45.0
@@ -43,6 +45,8 @@ class RecalibrationInterface:
     ----------
     drives : Drives
         Cars, what they meet, and their loops' target.
+    plant : Plant
+        The same cars as a plant, with metrics and rule.
     windows : int
         Of a drive.
     price : float
@@ -56,6 +60,7 @@ class RecalibrationInterface:
     """
 
     drives: Drives
+    plant: Plant
     windows: int
     price: float
     probing: float
@@ -75,8 +80,9 @@ class RecalibrationInterface:
         given = drives.conditions
         prior = Prior(given.mu_s, given.M_delta, given.v_x)
         task = Task(drives.vehicle, prior, target=drives.target)
-        low, high = Vehicles(task).action_bounds()
-        return cls(drives, count, float(price), float(probing), float(comfort), low, high)
+        plant = yaw_rate(task, check=False)
+        low, high = action_bounds(plant)
+        return cls(drives, plant, count, float(price), float(probing), float(comfort), low, high)
 
     @property
     def observation_space(self) -> Box:

@@ -16,6 +16,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from yawrate_env.batch import replaced
 from yawrate_env.vehicle.drive_conditions import Conditions
 from yawrate_env.vehicle.drive_information import Noise, Predictor
 from yawrate_env.vehicle.single_track import Vehicle
@@ -23,6 +24,9 @@ from yawrate_env.vehicle.single_track import Vehicle
 Array = NDArray[np.float64]
 
 COORDINATES = 2
+
+NEAR = 1.5
+"""Length of a step, in posterior standard deviations, within which slopes hardly change."""
 
 _GRID = 4001
 
@@ -121,24 +125,42 @@ class Estimator:
         start : (B, 2) float64
             Coordinates to begin from.
         steps : int
-            Gauss-Newton steps; the slopes are those of the last one's start.
+            Gauss-Newton steps at most: windows whose step leads less than `NEAR` standard
+            deviations away need no further one.
         """
-        prior, z, gain = self.prior, start, None
-        for left in range(steps - 1, -1, -1):
-            theta = self.theta(z, v_x)
-            predictor = Predictor.of(self.vehicle, theta, self.noise, self.Ts, gain)
-            gain = predictor.K, predictor.variance
-            gram, after = predictor.gram(u, y, x)
-            away = prior.mean - z
-            pull = gram[:, 1:, 0] + away / prior.variance
-            covariance = _inverse(gram[:, 1:, 1:] + np.diag(1 / prior.variance))
-            step = (covariance * pull[:, None]).sum(axis=2)
-            explained = 2 * (gram[:, 1:, 0] * step).sum(axis=1)
-            curved = (gram[:, 1:, 1:] * step[:, None]).sum(axis=2)
-            misfit = gram[:, 0, 0] - explained + (curved * step).sum(axis=1)
-            if left:
-                z = self.inside(z + step)
-        return Estimate(z + step, covariance, misfit), after
+        here = self._step(u, y, v_x, x, start)
+        for _ in range(steps - 1):
+            rows = np.flatnonzero(here.length > NEAR)
+            if not len(rows):
+                break
+            z, gain = self.inside(here.estimate.mean[rows]), (here.gain[rows], here.variance[rows])
+            again = self._step(u[rows], y[rows], v_x[rows], x[rows], z, gain)
+            here = again if len(rows) == len(u) else replaced(here, rows, again)
+        return here.estimate, here.after
+
+    def _step(
+        self,
+        u: Array,
+        y: Array,
+        v_x: Array,
+        x: Array,
+        z: Array,
+        gain: tuple[Array, Array] | None = None,
+    ) -> "_Step":
+        """One Gauss-Newton step from coordinates z (B, 2)."""
+        prior = self.prior
+        predictor = Predictor.of(self.vehicle, self.theta(z, v_x), self.noise, self.Ts, gain)
+        gram, after = predictor.gram(u, y, x)
+        slope, F = gram[:, 1:, 0], gram[:, 1:, 1:]
+        precision = F + np.diag(1 / prior.variance)
+        covariance = _inverse(precision)
+        pull = slope + (prior.mean - z) / prior.variance
+        step = (covariance * pull[:, None]).sum(axis=2)
+        curved = (F * step[:, None]).sum(axis=2)
+        misfit = gram[:, 0, 0] + ((curved - 2 * slope) * step).sum(axis=1)
+        length = np.sqrt(np.maximum((pull * step).sum(axis=1), 0.0))
+        found = Estimate(z + step, covariance, misfit)
+        return _Step(found, after, predictor.K, predictor.variance, length)
 
     def inside(self, z: Array) -> Array:
         """The nearest coordinates (B, 2) within the prior's ends."""
@@ -148,6 +170,17 @@ class Estimator:
         """Coordinates (B, 2) and speeds (B,) as parameters (B, 3)."""
         values = np.exp(z)
         return np.stack([values[:, 0], values[:, 1] - self.vehicle.M_0, v_x], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Step:
+    """A step's end, predictor states, Kalman gains, variances, and lengths in deviations."""
+
+    estimate: Estimate
+    after: Array
+    gain: Array
+    variance: Array
+    length: Array
 
 
 def encode(theta: Array, vehicle: Vehicle) -> Array:

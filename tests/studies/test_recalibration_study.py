@@ -1,0 +1,71 @@
+"""The study of re-calibration: its rungs in order, its page, and the network that it teaches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tuners
+from studies import recalibration, recalibration_agent, recalibration_page
+from studies.recalibration import begun, interface, ladder, ride, row, trials
+from yawrate_env.vehicle.drives import Drives
+
+
+@pytest.fixture(scope="module")
+def short():
+    return replace(interface(Drives.of()), windows=12)
+
+
+def test_rungs_are_in_order(short):
+    start = begun(short.drives, 0, 80)
+    found = {name: row(name, ride(short, rung, start, 0))
+             for name, rung in ladder(short.drives, start).items()}  # fmt: skip
+    order = ("never re-tune", "every window alone, with the prior", "filter", "one window late",
+             "oracle")  # fmt: skip
+    errors = [found[name]["phase_margin"]["mean"] for name in order]
+    assert errors == sorted(errors, reverse=True) and errors[-1] < 1e-9
+    bound, filtered = (found[name]["return"]["mean"] for name in ("information bound", "filter"))
+    assert filtered < bound + 0.05
+    assert all(each["windows"] == 960 and each["unstable"] == 0 for each in found.values())
+
+
+def test_tuners_answer_every_window_or_leave_gains_alone(short):
+    start = begun(short.drives, 0, 2)
+    two = replace(short, windows=2)
+    rungs = trials(two.drives, start, {"bb": tuners.load("bb")})
+    always, _, heeded = (ride(two, rung, start, 0) for rung in rungs.values())
+    never = ride(two, ladder(two.drives, start)["never re-tune"], start, 0)
+    np.testing.assert_array_equal(always.errors[:, 0], never.errors[:, 0])
+    assert (always.errors[:, 1] != never.errors[:, 1]).all()
+    np.testing.assert_array_equal(heeded.errors, never.errors)
+
+
+def test_a_fault_is_in_the_drives_and_not_in_the_estimator():
+    true, assumed = recalibration.faulty("front stiffness − 10 %")
+    assert true.vehicle.C_f == pytest.approx(0.9 * assumed.vehicle.C_f)
+    assert true.estimator == assumed.estimator
+    assert recalibration.faulty("gyro noise × 2")[0].conditions.noise > assumed.conditions.noise
+
+
+@pytest.mark.slow
+def test_the_network_learns_from_drives(short, monkeypatch):
+    start, earned = begun(short.drives, 0, 60), []
+    for epochs in (1, 25):
+        monkeypatch.setattr(recalibration_agent, "EPOCHS", epochs)
+        network = recalibration_agent.taught(short, 96, 0)
+        rung = recalibration_agent.at_start(network, short, start)
+        earned.append(ride(short, rung, start, 0).rewards.mean())
+    assert earned[1] > earned[0] / 2
+
+
+def test_speed_and_page():
+    speed = recalibration.speed(4, 1)
+    assert sum(speed["shares"].values()) == pytest.approx(1)
+    value = {"mean": 1.0, "low": 0.5, "high": 2.0}
+    each = {"drives": 1, "windows": 50, "phase_margin": value, "crossover": value,
+            "return": value, "cost": value, "unstable": 0}  # fmt: skip
+    names = "never re-tune", "never, scheduled over speed", "filter"
+    rows = [each | {"rung": name} for name in names]
+    fault = {"fault": "none", "never": each, "scheduled": each, "filter": each}
+    page = recalibration_page.page({"seed": 7, "rows": rows, "faults": [fault], "speed": speed})
+    assert "| filter | 1 (0.5 to 2) |" in page and "seed 7" in page
