@@ -1,7 +1,8 @@
 """Train a tuner on simulated episodes and save it.
 
 python scripts/train.py ts-ff --episodes 1500 --seed 0 --out my.tuner
-python scripts/train.py rl --episodes 20000 --algorithm sac --out my-rl.tuner
+python scripts/train.py rl --episodes 20000 --out my-rl.tuner
+python scripts/train.py rl-sac --out my-sac.tuner
 python scripts/train.py rl --plant my_plant:plant --out plant-rl.tuner
 """
 
@@ -13,7 +14,7 @@ import click
 import tuners
 from studies.program import counted, env_kwargs, environment, program, seed
 from tuners.agents.settings import ALGORITHMS, Training
-from tuners.catalogue import ANY_INPUT, CALIBRATION, SPEEDS
+from tuners.catalogue import AGENTS, ANY_INPUT, CALIBRATION, SPEEDS
 from tuners.cli.arguments import Output
 from tuners.cli.progress import Bars
 from tuners.cli.train import accuracy
@@ -28,7 +29,7 @@ AGENT_EPISODES = 20_000
 
 
 @program(__doc__)
-@click.argument("name", metavar="NAME", type=click.Choice([*tuners.RECIPES, "rl"]))
+@click.argument("name", metavar="NAME", type=click.Choice([*tuners.RECIPES, *AGENTS]))
 @counted("--episodes", None, "Simulated for training.  [default: the recipe's, rl 20000]")
 @seed(help="Of the data and of the learner.")
 @click.option("--out", type=Output(SUFFIX), required=True, help="File to write, *.tuner.")
@@ -41,7 +42,7 @@ AGENT_EPISODES = 20_000
     "--plant", metavar="MODULE:ATTRIBUTE",
     help="Train for a plant of your own instead of vehicles (docs/plants.md).",
 )  # fmt: skip
-@click.option("--algorithm", type=click.Choice(list(ALGORITHMS)), default="sac", help="rl only.")
+@click.option("--algorithm", type=click.Choice(list(ALGORITHMS)), help="rl only.  [default: naf]")
 @click.option("--features", type=click.Choice(list(BY_NAME)), default="laguerre", help="rl only.")
 @click.option("--log", help="rl only: folder for TensorBoard.")
 @click.option(
@@ -56,12 +57,14 @@ def main(
     env_kwargs: dict[str, Any],
     calibration: int | None,
     plant: str | None,
-    algorithm: str,
+    algorithm: str | None,
     features: str,
     log: str | None,
     checkpoint: Path | None,
 ) -> None:
-    if plant and (name != "rl" or env_kwargs):
+    if algorithm and name != "rl":
+        raise click.UsageError("--algorithm goes with rl.")
+    if plant and (name not in AGENTS or env_kwargs):
         raise click.UsageError(
             "--plant goes with rl, without --env-kwargs; for other tuners use yawrate train."
         )
@@ -71,12 +74,13 @@ def main(
         speeds["register"] = "random"
     trained_for = find(plant) if plant else environment({**speeds, **env_kwargs}).plant
     with Bars() as bars:
-        if name == "rl":
+        if name in AGENTS:
             from tuners.agents import training
 
             # Those of yawrate/PITuningFeatures-v0, or suited to the plant.
             stage = features if plant else features_named(features)
-            settings = Training(algorithm, stage, episodes or AGENT_EPISODES, seed=seed)
+            chosen = algorithm or AGENTS[name]
+            settings = Training(chosen, stage, episodes or AGENT_EPISODES, seed=seed)
             tuner = training.train(
                 settings, trained_for, log=log, checkpoint=checkpoint, calibration=calibration,
                 progress=bars,

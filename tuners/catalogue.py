@@ -92,7 +92,10 @@ UNTRAINED: dict[str, type[Method]] = {
 }
 """The tuners that need no training."""
 
-NAMES = (*RECIPES, *UNTRAINED, "rl")
+AGENTS = {"rl": "naf", "rl-sac": "sac"}
+"""The tuners that learned from rewards, and by which algorithm (`tuners.agents`)."""
+
+NAMES = (*RECIPES, *UNTRAINED, *AGENTS)
 
 Progress = Callable[[str, int, int], None]
 

@@ -158,7 +158,7 @@ def test_one_step_ends_the_episode_and_tells_all(case):
     assert list(info)[-len(plant.prior) :] == list(plant.prior)
     assert not any("[" in name for name in info)  # units
     for name, value in info.items():
-        assert type(value) is (bool if name in ("clipped", "stable") else float)
+        assert type(value) is (bool if name in ("clipped", "stable") else np.float64)
     for name, (low, high) in plant.prior.items():
         assert low <= info[name] <= high
     with pytest.raises(ResetNeeded, match="one step"):
@@ -227,6 +227,51 @@ def test_options_pin_values_and_leave_the_rest_of_the_draw(case):
     drawn = {name: free[1][4][name] for name in parameters(env)}
     np.testing.assert_array_equal(episode(env, seed=4, options=drawn)[0], free[0])
     assert episode(env)[1][4] != free[1][4]  # for one episode only
+
+
+@every_id
+def test_a_width_shrinks_every_range_about_its_middle(case):
+    env = native(case, 64)
+    plant = env.unwrapped.plant
+
+    def drawn(**options):
+        env.reset(seed=5, options=options)
+        info = env.step(action(env))[4]["final_info"]
+        return np.stack([info[name] for name in plant.prior], axis=1)
+
+    whole, middle = drawn(), np.mean(plant.ranges, axis=0)
+    np.testing.assert_allclose(drawn(width=0.5) - middle, (whole - middle) / 2, atol=1e-9)
+    np.testing.assert_array_equal(drawn(width=1.0), whole)
+    np.testing.assert_allclose(drawn(width=0.0), np.tile(middle, (64, 1)))
+    each = np.linspace(0, 1, 64)
+    np.testing.assert_allclose(
+        drawn(width=each) - middle, each[:, None] * (whole - middle), atol=1e-9
+    )
+    (name, value), *_ = parameters(env).items()
+    pinned = drawn(width=0.5, **{name: value})  # a pin is a pin
+    assert (pinned[:, list(plant.prior).index(name)] == value).all()
+    one = shared(case)
+    one.reset(seed=5, options={"width": 0.5})
+    info = one.step(action(one))[4]
+    np.testing.assert_array_equal([info[name] for name in plant.prior], drawn(width=0.5)[0])
+    for bad in (-0.1, 1.5, np.nan, "half"):
+        with pytest.raises(ValueError, match="width"):
+            one.reset(options={"width": bad})
+
+
+@every_id
+def test_cost_is_one_where_a_loop_is_nearly_unstable(case):
+    env = native(case, 64)
+    env.reset(seed=0)
+    info = env.step(action(env))[4]["final_info"]
+    with np.errstate(invalid="ignore"):
+        low = ~info["stable"] | (info.get("phase_margin", np.full(64, 60.0)) < 45)
+    np.testing.assert_array_equal(info["cost"], low.astype(float))
+    assert info["cost"].any() or "phase_margin" not in info
+    env.reset(seed=0)
+    base = env.unwrapped
+    _, _, _, _, info = base.step(np.stack([info[f"oracle_{n}"] for n in base.plant.gains], axis=1))
+    assert not info["final_info"]["cost"].any()
 
 
 BAD_OPTIONS = [
@@ -378,6 +423,44 @@ def test_returned_arrays_are_the_callers_own(case):
         found[0][:] = 0
         for values in found[4]["final_info"].values():
             values[:] = 0
+
+
+def gymnasiums_in(mode, case, count):
+    name, kwargs = CASES[case]
+    vector = {"autoreset_mode": mode}
+    return gymnasium.make_vec(
+        name, num_envs=count, vectorization_mode="sync", vector_kwargs=vector, **kwargs
+    )
+
+
+@every_id
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
+def test_other_autoreset_modes_are_gymnasiums(case, mode):
+    name, kwargs = CASES[case]
+    ours = gymnasium.make_vec(name, num_envs=3, autoreset_mode=mode.value, **kwargs)
+    theirs, near = gymnasiums_in(mode, case, 3), tolerance(case)
+    assert ours.autoreset_mode is ours.metadata["autoreset_mode"] is mode
+    first, others = (np.array(mask) for mask in ([True, False, False], [False, True, True]))
+    assert_identical(ours.reset(seed=3), theirs.reset(seed=3), near)
+    assert_identical(ours.step(action(ours)), theirs.step(action(ours)), near)
+    if mode is AutoresetMode.DISABLED:
+        with pytest.raises(ResetNeeded):
+            ours.step(action(ours))
+    for mask in (first, others):  # from now on they may be out of step
+        options = [{"reset_mask": mask.copy()} for _ in range(2)]
+        assert_identical(ours.reset(options=options[0]), theirs.reset(options=options[1]), near)
+        if mode is AutoresetMode.NEXT_STEP:
+            assert_identical(ours.step(action(ours, 1)), theirs.step(action(ours, 1)), near)
+    assert_identical(ours.step(action(ours, 2)), theirs.step(action(ours, 2)), near)
+
+
+@every_id
+def test_batches_and_their_wrappers_say_when_they_reset(case):
+    env = native(case, 1)
+    assert env.autoreset_mode is env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    name, kwargs = CASES[case]
+    with pytest.raises(ValueError, match="autoreset_mode"):
+        gymnasium.make_vec(name, num_envs=1, autoreset_mode="never", **kwargs)
 
 
 BAD_RESETS = [

@@ -16,6 +16,7 @@ from tuners.agents.actors import Average, actor_of
 from tuners.agents.feature_map import FeatureMap
 from tuners.agents.settings import ALGORITHMS
 from tuners.agents.training import Run, Training, snapshots, train
+from tuners.catalogue import AGENTS
 from tuners.features.laguerre import Laguerre
 from tuners.learners.actor import Actor, Agent
 from tuners.tuner.recording import Recording
@@ -29,6 +30,7 @@ ENVS = 4
 EPISODES = 148  # SAC and TD3 start to learn after 32 batches
 DEMANDING = replace(lone, target=(0.3,))  # gains 30 % above the design rule's
 ON_AND_OFF_POLICY = "ppo", "sac"
+FAMILIES = *ON_AND_OFF_POLICY, "naf"
 EVERY_SPEED = yaw_rate(Task(prior=Prior(v_x=(10.0, 30.0)), experiment=Experiment(Ts=0.01, N=300)))
 
 
@@ -85,10 +87,11 @@ def test_training_gives_snapshots_and_the_end(algorithm):
     assert [n for n, _ in found] == [4, 40, 142, end]
     assert [t.training["episodes"] for _, t in found] == [4, 40, 144, end]
     record = found[-1][1].training
-    assert (record["name"], record["algorithm"], record["num_envs"]) == ("rl", algorithm, ENVS)
+    name = "rl" if algorithm == "naf" else f"rl-{algorithm}"
+    assert (record["name"], record["algorithm"], record["num_envs"]) == (name, algorithm, ENVS)
     assert differ(found[0][1], found[-1][1])
     done = [d for _, d, _ in calls]
-    assert {(what, of) for what, _, of in calls} == {("training rl", 150)}
+    assert {(what, of) for what, _, of in calls} == {(f"training {name}", 150)}
     assert done == sorted(done) and done[-1] == 150
 
     width = run.env.observation_space.shape[0]
@@ -103,7 +106,7 @@ def test_nothing_is_learned_from_random_actions_only():
     assert not differ(early, late)
 
 
-@pytest.mark.parametrize("algorithm", ON_AND_OFF_POLICY)
+@pytest.mark.parametrize("algorithm", FAMILIES)
 def test_a_seed_gives_the_same_agent_again_and_another_another(algorithm):
     again, other = (trained(algorithm=algorithm, seed=s) for s in (0, 1))
     assert not differ(default(algorithm), again)
@@ -120,7 +123,7 @@ def test_agents_of_other_seeds_observe_other_episodes():
     assert len(set.union(*seen)) == 3 * ENVS
 
 
-@pytest.mark.parametrize("algorithm", ON_AND_OFF_POLICY)
+@pytest.mark.parametrize("algorithm", FAMILIES)
 def test_training_never_reads_the_design_rules_gains(algorithm):
     blind = False
 
@@ -217,6 +220,15 @@ def test_a_resumed_training_goes_on_where_it_was(algorithm, tmp_path):
     end = 136 + 64 if algorithm == "ppo" else 200
     assert [n for n, _ in found] == [160, end]
     assert found[-1][1].training["episodes"] == end
+
+
+def test_a_resumed_critic_keeps_its_episodes(tmp_path):
+    checkpoint = tmp_path / "checkpoint"
+    interrupted("naf", checkpoint, at=136)
+    run = Run(settings("naf", episodes=200), plant, checkpoint=checkpoint)
+    assert run.model.num_timesteps == run.model.episodes == 136
+    ((_, found),) = run.learn()
+    assert run.model.episodes == run.model.fitted == found.training["episodes"] == 200
 
 
 def test_checkpoints_of_another_training_are_refused(tmp_path):
@@ -326,8 +338,10 @@ def test_measured_parameters_are_features():
         found.tune(of.u, y)
 
 
-def test_the_shipped_agent_keeps_its_features():
-    tuner = tuners.load("rl")
+@pytest.mark.parametrize("name", AGENTS)
+def test_the_shipped_agents_keep_their_features(name):
+    tuner = tuners.load(name)
+    assert (tuner.training["algorithm"], tuner.training["episodes"]) == (AGENTS[name], 20_000)
     stage, learner, vehicles = tuner.method.features, tuner.method.learner, tuner.plant
     assert stage == Laguerre()
     features = FeatureMap.of(vehicles, stage, vehicles.measured_features)

@@ -24,7 +24,8 @@ BLIND = [n for n in tuners.NAMES if n not in ("oracle", *SPEEDS)]  # the recordi
 # target: three times what the issue allows as a standard deviation, or what was measured.
 NEAR = {"gb": (0.05, 0.0015), "bb": (0.4, 0.006), "ts-ff": (0.36, 0.009), "ts-gbm": (2.1, 0.06)}
 NEAR |= {"ts-ff-gains": (3.0, 0.05), "ts-gbm-gains": (5.0, 0.05), "nominal": (10.0, 0.6)}
-NEAR |= {"ts-ff-lag": (0.06, 0.0015), "ts-gbm-lag": (0.06, 0.0015), "rl": (1.0, 0.05)}
+NEAR |= {"ts-ff-lag": (0.06, 0.0015), "ts-gbm-lag": (0.06, 0.0015), "rl-sac": (1.0, 0.05)}
+NEAR["rl"] = (0.06, 0.0015)
 NEAR |= {"vrft": (2.4, 0.03), "frit": (2.0, 0.045)}
 SLOW_TO_PACK = ("ts-gbm", "ts-gbm-gains")  # seconds each, and stored like ts-gbm-lag
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from yawrate_env.plant.reward import distance, reward
+from yawrate_env.plant.reward import distance, error_of, reward
 
 ERROR = st.floats(-500, 500) | st.just(np.inf)
 
@@ -37,6 +37,15 @@ def test_every_unstable_loop_is_worth_less_than_every_stable_one(first, second, 
 def test_a_smaller_error_is_worth_more(first, second, share):
     near, far = of(share * first, share * second), of(first, second)
     assert near > far if np.hypot(first, second) > 1e-9 else near >= far
+
+
+@given(st.floats(0, 12))
+def test_errors_are_found_again_from_rewards_up_to_the_farthest(error):
+    assert error_of(reward(np.array([[error]])))[0] == pytest.approx(error, abs=1e-9)
+
+
+def test_worse_rewards_count_as_the_farthest():
+    np.testing.assert_allclose(error_of(np.array([-3.0, -4.0, -5.0])), 12.0)
 
 
 def test_an_undefined_metric_is_the_worst_of_the_stable():

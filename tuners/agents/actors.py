@@ -1,4 +1,4 @@
-"""Stable-Baselines3's algorithms: their hyperparameters, and their actors as arrays."""
+"""Algorithms: their hyperparameters, and their actors as arrays."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,10 +8,17 @@ import torch
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from tuners.agents.naf import NAF
 from tuners.agents.settings import Training
 from tuners.learners.actor import Actor
+from yawrate_env.plant.reward import error_of
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"sac": SAC, "ppo": PPO, "td3": TD3}
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
+    "naf": NAF, "naf-plain": NAF, "sac": SAC, "ppo": PPO, "td3": TD3,
+}  # fmt: skip
+
+AVERAGED = "sac", "ppo", "td3"
+"""Whose weights wander, so that their average acts better."""
 
 _AVERAGING = 0.995
 """Weight of the past in the running average of the actor, per batch of episodes."""
@@ -33,14 +40,16 @@ def hyperparameters(training: Training, actions: int = 2) -> dict[str, Any]:
     off_policy = {
         "learning_rate": _falling(1e-3),
         "buffer_size": training.episodes,
-        "learning_starts": 32 * training.num_envs,
+        "learning_starts": 32 * training.batch,
         "batch_size": 256,
         "train_freq": 1,
-        "gradient_steps": training.num_envs,
+        "gradient_steps": training.batch,
         "gamma": 0.0,
         "policy_kwargs": {"net_arch": [64, 64]},
     }
     return {
+        "naf": {"error": error_of},
+        "naf-plain": {},
         "sac": {**off_policy, "target_entropy": -2.0 * actions},
         "td3": {**off_policy, "policy_delay": 2},
         "ppo": {
@@ -81,6 +90,8 @@ def actor_module(model: BaseAlgorithm) -> torch.nn.Module:
 
 def actor_of(model: BaseAlgorithm, weights: dict[str, torch.Tensor]) -> Actor:
     """The deterministic policy's layers, from averaged weights or, without any, the model's."""
+    if isinstance(model, NAF):
+        return Actor(model.policy.layers(), "tanh", squashed=False)
     prefixes, hidden, squashed = _LAYERS[type(model)]
     values = weights or actor_module(model).state_dict()
     names = [n for p in prefixes for n in values if n.startswith(p) and n.endswith("weight")]

@@ -1,9 +1,9 @@
-"""Train an agent of Stable-Baselines3 to tune a plant, from rewards alone.
+"""Train an agent to tune a plant, from rewards alone.
 
 An agent is trained in the plant's environment of features: standardised features in, the
 coordinates of a controller out, one step an episode.  It never sees the design rule's gains.  What
-is kept is the averaged actor, as arrays: the second stage of a `Tuner`, which needs neither
-Stable-Baselines3 nor torch.
+is kept is the actor, averaged where the algorithm lets it wander, as arrays: the second stage of a
+`Tuner`, which needs neither Stable-Baselines3 nor torch.
 """
 
 from collections.abc import Callable, Iterable
@@ -12,7 +12,14 @@ from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 
-from tuners.agents.actors import ALGORITHMS, Average, actor_module, actor_of, hyperparameters
+from tuners.agents.actors import (
+    ALGORITHMS,
+    AVERAGED,
+    Average,
+    actor_module,
+    actor_of,
+    hyperparameters,
+)
 from tuners.agents.checkpoint import Checkpoint, Origin
 from tuners.agents.sb3_vec_env import Sb3VecEnv
 from tuners.agents.settings import Training
@@ -137,8 +144,15 @@ class Run:
         left = self.training.episodes - self.model.num_timesteps
         if left > 0:
             with threads(1):
-                self.model.learn(left, follower, log_interval=100, reset_num_timesteps=False)
+                self.model.learn(
+                    left, follower, log_interval=self.log_interval, reset_num_timesteps=False
+                )
         return [*follower.taken, (self.model.num_timesteps, self.tuner())]
+
+    @property
+    def log_interval(self) -> int:
+        """In batches of episodes, or for ``naf`` in fits."""
+        return 100 if self.training.algorithm in AVERAGED else 1
 
     def save(self) -> None:
         """Write the checkpoint, if there is one."""
@@ -149,10 +163,10 @@ class Run:
         """The averaged actor as it is now."""
         agent = Agent(actor_of(self.model, self.average.weights), *self.scaling)
         record = {
-            "name": "rl",
+            "name": self.training.name,
             "algorithm": self.training.algorithm,
             "episodes": int(self.model.num_timesteps),
-            "num_envs": self.training.num_envs,
+            "num_envs": self.training.batch,
             "seed": self.training.seed,
         }
         return Tuner(self.plant, Stages(self.features, agent), record)
@@ -169,13 +183,16 @@ class _Follower(BaseCallback):
         self.taken: list[tuple[int, Tuner]] = []
 
     def _on_step(self) -> bool:
-        self.run.average.update(actor_module(self.model))
+        if self.run.training.algorithm in AVERAGED:
+            self.run.average.update(actor_module(self.model))
         while self.due and self.num_timesteps >= self.due[0]:
             self.taken.append((self.due.pop(0), self.run.tuner()))
             self.run.save()
         if self.progress is not None:
             whole = self.run.training.episodes
-            self.progress("training rl", min(self.num_timesteps, whole), whole)
+            self.progress(
+                f"training {self.run.training.name}", min(self.num_timesteps, whole), whole
+            )
         return True
 
     def _on_training_end(self) -> None:
@@ -184,7 +201,7 @@ class _Follower(BaseCallback):
 
 def _features(training: Training, plant: Plant) -> Any:
     """The plant's batch of episodes, observed as features."""
-    batch, features = plant_vector_env(training.num_envs, plant=plant), training.features
+    batch, features = plant_vector_env(training.batch, plant=plant), training.features
     if isinstance(features, str):
         return FeatureVectorObservation(batch, features)
     settings = settings_of(features)

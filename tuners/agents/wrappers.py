@@ -11,7 +11,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
-from gymnasium.vector import VectorEnv, VectorWrapper
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
@@ -53,6 +53,19 @@ class FeatureObservation(gymnasium.ObservationWrapper, gymnasium.utils.RecordCon
         gymnasium.ObservationWrapper.__init__(self, env)
         self.map = _feature_map(self._interface, features, settings)
         self.observation_space = _feature_box(self.map)
+        self._features: NDArray[np.float32] | None = None
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        """Reset; features of the recording."""
+        obs, info = self.env.reset(seed=seed, options=options)
+        self._features = self.observation(obs)
+        return self._features.copy(), info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step; the episode's only recording has the features that it had."""
+        _, reward, terminated, truncated, info = self.env.step(action)
+        assert self._features is not None
+        return self._features.copy(), reward, terminated, truncated, info
 
     def observation(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Features of one recording."""
@@ -78,7 +91,17 @@ class UnitAction(gymnasium.ActionWrapper, gymnasium.utils.RecordConstructorArgs)
         return np.asarray(self.map.gains(given[None])[0])
 
 
-class FeatureVectorObservation(VectorWrapper[Any, Any, Any, Any, Any]):
+class _BatchWrapper(VectorWrapper[Any, Any, Any, Any, Any]):
+    """A wrapper that resets as what it wraps does."""
+
+    @property
+    def autoreset_mode(self) -> AutoresetMode:
+        """When the next episode begins."""
+        mode: AutoresetMode = self.env.metadata["autoreset_mode"]
+        return mode
+
+
+class FeatureVectorObservation(_BatchWrapper):
     """`FeatureObservation` for the native batch environment."""
 
     def __init__(
@@ -101,13 +124,19 @@ class FeatureVectorObservation(VectorWrapper[Any, Any, Any, Any, Any]):
         """Step; an episode's last observation is the one it began with."""
         obs, reward, terminated, truncated, info = self.env.step(actions)
         assert self._features is not None
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            fresh = ~terminated  # an episode that goes on has just begun
+            if fresh.any():
+                self._features = self._features.copy()
+                self._features[fresh] = features_of(self._interface, self.map, obs[fresh])
+            return self._features.copy(), reward, terminated, truncated, info
         final = np.empty(self.num_envs, dtype=object)
         final[:] = list(self._features)
         self._features = features_of(self._interface, self.map, obs)
         return self._features.copy(), reward, terminated, truncated, {**info, "final_obs": final}
 
 
-class UnitVectorAction(VectorWrapper[Any, Any, Any, Any, Any]):
+class UnitVectorAction(_BatchWrapper):
     """`UnitAction` for the native batch environment."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
@@ -158,10 +187,14 @@ def plant_features_env(plant: str | Plant, features: str = "laguerre") -> gymnas
 
 
 def plant_features_vector_env(
-    num_envs: int = 1, *, plant: str | Plant, features: str = "laguerre"
+    num_envs: int = 1,
+    *,
+    plant: str | Plant,
+    features: str = "laguerre",
+    autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
 ) -> VectorEnv[Any, Any, Any]:
     """Build the batch form of `plant_features_env`."""
-    batch = plant_vector_env(num_envs, plant=plant)
+    batch = plant_vector_env(num_envs, plant=plant, autoreset_mode=autoreset_mode)
     return UnitVectorAction(FeatureVectorObservation(batch, features))
 
 

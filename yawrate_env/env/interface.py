@@ -15,18 +15,28 @@ from yawrate_env import validation
 from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.plant.action_bounds import action_bounds, corners
 from yawrate_env.plant.episodes import Draw, integers_of, prior_gains
-from yawrate_env.plant.names import ORACLE, split
+from yawrate_env.plant.names import MARGINS, ORACLE, split
 from yawrate_env.plant.observations import complete, signals
 from yawrate_env.plant.parametrisation import scale_to_bounds
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.reward import defined
 from yawrate_env.signals.decimation import averaged
+from yawrate_env.signals.streams import uniform
 
 Array = NDArray[np.float64]
 Observation = NDArray[np.float32]
 Info = dict[str, NDArray[Any]]
 
 _LARGEST = 1e30  # finite, as agents require, and beyond any unit
+
+COST = "cost"
+"""The info's entry for constrained learning: 1 where a loop is (nearly) unstable, else 0."""
+
+LEAST_MARGIN = 45.0
+"""Phase margin below which a loop costs [deg]."""
+
+WIDTH = "width"
+"""Option of ``reset``: the share of every parameter's distribution that plants are drawn from."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,15 +107,16 @@ class Interface:
         """Parameters (count,) that the options of ``reset`` pin, checked."""
         pins: dict[str, Array] = {}
         for name, value in options.items():
-            validation.one_of("reset option", name, tuple(self.plant.prior))
+            validation.one_of("reset option", name, (*self.plant.prior, WIDTH))
             values = validation.float_array(f"reset option {name}", value)
             if values.shape not in ((), (1,), (count,)):
                 raise ValueError(
                     f"reset option {name} has shape {values.shape}. Give one number"
                     + (f", or {count}." if count > 1 else ".")
                 )
+            check = self.check_pin if name in self.plant.prior else check_width
             for one in values.flat:
-                self.check_pin(name, float(one))
+                check(name, float(one))
             pins[name] = np.broadcast_to(values, (count,))
         return pins
 
@@ -126,7 +137,9 @@ class Interface:
         copy : (B, 2 + m, samples) float32, optional
             Where they are written as well.
         """
-        draw = Draw.of(self.plant, integers)
+        pins = dict(pins)
+        width = None if WIDTH in self.plant.prior else pins.pop(WIDTH, None)
+        draw = Draw.of(self.plant, narrowed(self.plant, integers, width))
         for i, values in zip(self.plant.indices(pins), pins.values(), strict=True):
             draw.theta[:, i] = values
         obs = out if self.decimate == 1 else self._empty(len(out))
@@ -188,11 +201,24 @@ class Interface:
             "clipped": (gains != actions).any(axis=1),
             **{split(name)[0]: of for name, of in zip(plant.metrics, metrics.T, strict=True)},
             "stable": stable,
+            **self._cost(values, stable),
             **{ORACLE + name: of for name, of in zip(plant.gains, oracle.T, strict=True)},
             **dict(zip(plant.prior, theta.T, strict=True)),
         }
         errors = plant.counted_values(values, stable) - plant.targets(theta)
         return plant.reward_of(errors), info
+
+    def _cost(self, values: Array, stable: NDArray[np.bool_]) -> Info:
+        """`COST` (B,), unless the plant has a name of its own like it."""
+        plant, (margin, _) = self.plant, MARGINS
+        names = [split(name)[0] for name in plant.metrics]
+        if COST in (*plant.gains, *names, *plant.prior):
+            return {}
+        low = ~stable
+        if margin in names:
+            # Without a crossover there is no margin to fall below.
+            low = low | (values[:, names.index(margin)] < LEAST_MARGIN)
+        return {COST: low.astype(np.float64)}
 
     def _empty(self, count: int) -> Observation:
         return np.empty((count, 2 + len(self.visible), len(self.plant.u)), dtype=np.float32)
@@ -256,6 +282,26 @@ def action_box(plant: Plant) -> Box:
     ends = plant.parametrisation.decode(scale_to_bounds(units, low, high))
     gains = np.concatenate([prior_gains(plant), ends[np.isfinite(ends).all(axis=1)]])
     return Box(gains.min(axis=0), gains.max(axis=0), dtype=np.float64)
+
+
+def narrowed(plant: Plant, integers: NDArray[np.uint64], width: Array | None) -> NDArray[np.uint64]:
+    """Random integers of episodes whose parameters lie within a share (B,) of their distributions.
+
+    The middle of every distribution stays: of a uniform one with half the range is left for 0.5.
+    """
+    if width is None:
+        return integers
+    p, steps = len(plant.prior), 2.0**53
+    unit = 0.5 + width[:, None] * (uniform(integers[:, :p]) - 0.5)
+    near = (np.minimum(unit * steps, steps - 1)).astype(np.uint64) << np.uint64(11)
+    parameters = np.where(width[:, None] == 1, integers[:, :p], near)
+    return np.concatenate([parameters, integers[:, p:]], axis=1)
+
+
+def check_width(name: str, value: float) -> None:
+    """``ValueError`` where a width is not between 0 and 1."""
+    remedy = "1 draws from the whole prior, 0 its middle."
+    validation.number(f"reset option {name}", value, at_least=0.0, at_most=1.0, remedy=remedy)
 
 
 def copied(options: Mapping[str, Any] | None) -> dict[str, Any]:

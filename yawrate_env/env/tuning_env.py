@@ -23,9 +23,11 @@ class TuningEnv(gymnasium.Env[Observation, Array]):
     The reward is -e/(1 + e/4) with e the distance of the loop's metrics from what the design
     rule reaches, in the errors that count as one; -4 where a metric is undefined, -5 where
     the loop is unstable.  An episode is one step.  The info after it has the gains,
-    ``clipped``, the metrics by their names without units, ``stable``, ``oracle_NAME`` of
-    every gain and the parameters; that of ``reset`` is empty.  ``reset(options={name: value})``
-    pins parameters.
+    ``clipped``, the metrics by their names without units, ``stable``, ``cost``, ``oracle_NAME`` of
+    every gain and the parameters; that of ``reset`` is empty.  ``cost`` is 1.0 where the loop is
+    unstable or its ``phase_margin``, if that is a metric, below 45 deg, else 0.0.
+    ``reset(options={name: value})`` pins parameters, and ``{"width": 0.5}`` draws from the middle
+    half of every distribution.
 
     Parameters
     ----------
@@ -68,7 +70,8 @@ class TuningEnv(gymnasium.Env[Observation, Array]):
         given = validation.finite_array("action", action, shape=(len(names),))
         reward, info = self.interface.outcome(self._theta, given[None])
         self._gains = np.concatenate([info[name] for name in names])
-        scalars = {name: values[0].item() for name, values in info.items()}
+        # Flags as Python's: Gymnasium's batches make object arrays of NumPy's.
+        scalars = {n: v[0].item() if v.dtype == np.bool_ else v[0] for n, v in info.items()}
         return self._obs.copy(), float(reward[0]), True, False, scalars
 
 

@@ -37,15 +37,27 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
         How many.
     interface : Interface
         Between the plant and the agents.
+    autoreset_mode : AutoresetMode or str
+        When the next episode begins: ``"SameStep"``, ``"NextStep"`` (every second step of an
+        episode of one step is then a reset, and its action is ignored), or ``"Disabled"``: by
+        ``reset(options={"reset_mask": ...})``.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
 
-    def __init__(self, num_envs: int, interface: Interface) -> None:
+    def __init__(
+        self,
+        num_envs: int,
+        interface: Interface,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+    ) -> None:
         self.num_envs = validation.count(
             "num_envs", num_envs, at_most=1e6, remedy="Use more batches."
         )
         self.interface = interface
+        self.autoreset_mode = mode_of(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self._over = np.zeros(self.num_envs, dtype=np.bool_)
         self.single_observation_space: Any = interface.observation_space
         self.single_action_space: Any = interface.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -83,6 +95,7 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
         mask = self._reset_mask(given.pop("reset_mask", None))
         pins = self.interface.pins(given, self.num_envs)
         self._seed(seed, mask)
+        self._over = self._over & ~mask
         return self._renew(mask, pins), {}
 
     def step(self, actions: Array) -> tuple[Observation, Array, Flags, Flags, dict[str, Any]]:
@@ -91,6 +104,8 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
             raise ResetNeeded("Call reset() before the first step().")
         shape = (self.num_envs, len(self.plant.gains))
         given = validation.finite_array("action", actions, shape=shape)
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            return self._step_until_over(given)
         reward, info = self.interface.outcome(self._theta, given)
         everyone = np.ones(self.num_envs, dtype=np.bool_)
         final_obs = np.empty(self.num_envs, dtype=object)
@@ -110,6 +125,25 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
                 "_final_info": everyone.copy(),
             },
         )
+
+    def _step_until_over(
+        self, given: Array
+    ) -> tuple[Observation, Array, Flags, Flags, dict[str, Any]]:
+        """Evaluate episodes that are open, and reset those that the last step ended."""
+        assert self._theta is not None and self._obs is not None
+        over = self._over
+        if over.any() and self.autoreset_mode is AutoresetMode.DISABLED:
+            raise ResetNeeded('Call reset(options={"reset_mask": ...}) for episodes that ended.')
+        acting, reward, found = ~over, np.zeros(self.num_envs), {}
+        if acting.any():
+            values, info = self.interface.outcome(self._theta[acting], given[acting])
+            reward[acting] = values
+            for name, column in info.items():
+                found[name] = np.zeros(self.num_envs, dtype=column.dtype)
+                found[name][acting], found[f"_{name}"] = column, acting.copy()
+        obs = self._renew(over, {}) if over.any() else self._obs.copy()
+        self._over = acting
+        return obs, reward, acting.copy(), np.zeros_like(acting), found
 
     def _renew(self, mask: Flags, pins: Mapping[str, Array]) -> Observation:
         """Draw and record new episodes where `mask` is true; what the caller gets of all."""
@@ -158,9 +192,22 @@ class TuningVectorEnv(VectorEnv[Observation, Array, NDArray[Any]]):
         return self._generators
 
 
-def plant_vector_env(num_envs: int = 1, *, plant: str | Plant) -> TuningVectorEnv:
+def plant_vector_env(
+    num_envs: int = 1,
+    *,
+    plant: str | Plant,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+) -> TuningVectorEnv:
     """Entry point of ``yawrate/Plant-v0`` as a batch; `plant` as for the scalar one."""
-    return TuningVectorEnv(num_envs, Interface.of(find(plant)))
+    return TuningVectorEnv(num_envs, Interface.of(find(plant)), autoreset_mode)
+
+
+def mode_of(value: Any) -> AutoresetMode:
+    """The mode, or that with this value."""
+    if isinstance(value, AutoresetMode):
+        return value
+    modes = tuple(str(mode.value) for mode in AutoresetMode)
+    return AutoresetMode(validation.one_of("autoreset_mode", value, modes))
 
 
 def _seeds(seed: Any, count: int) -> list[int | None]:

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from yawrate_env import validation
@@ -66,7 +67,10 @@ class PITuningEnv(TuningEnv):
     ## Starting state
 
     `mu_s`, `M_delta` and `v_x` are drawn uniformly from their ranges; `reset(options=
-    {"mu_s": 0.5, "M_delta": 100.0, "v_x": 20.0})` pins any of them.
+    {"mu_s": 0.5, "M_delta": 100.0, "v_x": 20.0})` pins any of them.  For a curriculum,
+    `reset(options={"width": 0.5})` shrinks every range to half about its middle: 0 is the vehicle
+    in the middle, 1 the whole prior.  A batch takes one value, or one for each sub-environment;
+    they hold for one episode.
 
     ## Episode end
 
@@ -75,8 +79,9 @@ class PITuningEnv(TuningEnv):
     ## Information
 
     After the step: `kp`, `Ti` (as applied), `clipped`, `phase_margin` [deg], `crossover`
-    [Hz], `gain_margin` [dB], `stable`, `oracle_kp`, `oracle_Ti`, `mu_s`, `M_delta`, `v_x`.
-    The info of `reset` is empty.
+    [Hz], `gain_margin` [dB], `stable`, `cost`, `oracle_kp`, `oracle_Ti`, `mu_s`, `M_delta`, `v_x`.
+    The info of `reset` is empty.  `cost` is for constrained learning: 1.0 where the loop is
+    unstable or its phase margin below 45 deg, else 0.0.
 
     ## Arguments
 
@@ -112,8 +117,24 @@ class PITuningEnv(TuningEnv):
     ## Vectorised use
 
     `gymnasium.make_vec("yawrate/PITuning-v0", num_envs=256)` gives the native batch
-    environment, which resets in the same step.  With `vectorization_mode="sync"` or
-    `"async"` pass `vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}`.
+    environment, which resets in the same step; `autoreset_mode="NextStep"` or `"Disabled"` changes
+    that, for clients that ask for it.  With `vectorization_mode="sync"` or
+    `"async"` pass `vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}`: Gymnasium's default,
+    `NEXT_STEP`, spends every second step of a one-step environment on the reset, ignores that
+    step's action and rewards it with 0, so that half of what an agent learns from is noise.
+
+    Batches of 64 to 256 are fastest: smaller ones pay for Python, larger ones leave the processor's
+    cache.  `gymnasium.make("yawrate_env:yawrate/PITuning-v0")` imports the package by itself, which
+    a process started by `"spawn"` (`AsyncVectorEnv`, SB3's `SubprocVecEnv`) needs; only `yawrate/`
+    is this package's namespace.  A native batch is one process on all cores: it is faster than
+    any number of processes.
+
+    Random actions tell how hard it is: drawn evenly from the box of gains, 92 % of the loops are
+    unstable and the mean reward is -4.8; from the unit box of `yawrate/PITuningFeatures-v0` 15 %
+    are, and it is -2.4; the fixed gains of the mid-prior vehicle earn -0.73, the oracle 0.
+
+    `render_mode="rgb_array"` gives pictures of the episode, of the open loop and of the step
+    response; `"human"` opens a window and is not for batches.
 
     ## For learning agents
 
@@ -269,11 +290,18 @@ class PITuningVectorEnv(TuningVectorEnv):
         "render_fps": 1,
     }
 
-    def __init__(self, num_envs: int = 1, *, render_mode: str | None = None, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        **kwargs: Any,
+    ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = {render_mode!r}: a batch renders to 'rgb_array' only.")
         one = self.scalar(**kwargs)
-        super().__init__(num_envs, one.interface)
+        super().__init__(num_envs, one.interface, autoreset_mode)
         self.task, self.visible, self.decimate = one.task, one.visible, one.decimate
         self.render_mode = render_mode
 

@@ -36,3 +36,12 @@ def reward(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
     stable = np.where(finite, e, 0.0)
     graded = np.where(finite, WORST_STABLE * stable / (stable - WORST_STABLE), WORST_STABLE)
     return np.where(np.isnan(scaled).any(axis=1), UNSTABLE, graded)
+
+
+def error_of(rewards: NDArray[np.float64], farthest: float = 12.0) -> NDArray[np.float64]:
+    """Distances (B,) that rewards (B,) stand for: the inverse of `reward`.
+
+    Rewards below that of `farthest`, those of unstable loops among them, count as that.
+    """
+    r = np.maximum(rewards, WORST_STABLE * farthest / (farthest - WORST_STABLE))
+    return np.asarray(WORST_STABLE * r / (r - WORST_STABLE))
