@@ -103,7 +103,7 @@ STUDIES: dict[str, Callable[[Settings, Path, Bars], str]] = {
 @seed(1, "For trust.")
 @folders
 @click.option(
-    "--readme", "front", type=click.Path(path_type=Path), help="For page: the page whose table to update."
+    "--readme", "front", type=click.Path(path_type=Path), help="For page: whose table to update."
 )
 def main(
     study: str,

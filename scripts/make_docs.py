@@ -51,7 +51,7 @@ CLI_PAGE = """\
 | 0 | done; of `tune`: the gains are usable, with care or without |
 | 1 | a log, a tuner or a plant's file cannot be used; the reason is on stderr |
 | 2 | wrong usage |
-| 3 | of `tune`: the gains are refused, or take care under `--strict`, or `--validate` contradicts them |
+| 3 | of `tune`: gains are refused, take care under `--strict`, or `--validate` contradicts them |
 | 3 | of `check`: margins are not as promised, or the drive cannot tell |
 
 {commands}

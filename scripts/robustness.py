@@ -23,7 +23,7 @@ from yawrate_env.files import write_text
 @counted("--recordings", 100, "Of each kind under each condition.")
 @seed(help="Of everything that is drawn.")
 @click.option("--tuner", default=CLIMBER, help="Name or .tuner file of a learner.")
-@click.option("--readme", "front", type=click.Path(path_type=Path), help="The page whose table to update.")
+@click.option("--readme", "front", type=click.Path(path_type=Path), help="Page to update.")
 @folders
 def main(
     recordings: int, seed: int, tuner: str, front: Path | None, results: Path, figures: Path

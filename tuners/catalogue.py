@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
-from tuners.trust.black_box import suited_to_any_input
 from tuners.tuner import tuner_file
 from tuners.tuner.against_bound import judge
 from tuners.tuner.direct import FictitiousReference, VirtualReference
@@ -25,20 +23,13 @@ from tuners.tuner.method import Method
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import BlackBoxRule, GrayBox, Nominal, Oracle
 from tuners.tuner.stages import Recipe, Stages
-from tuners.tuner.training import (
-    CALIBRATION,
-    MORE,
-    calibrate,
-    check_calibration,
-    fit,
-    recipe_for,
-)
+from tuners.tuner.training import CALIBRATION, calibrate, check_calibration, fit, recipe_for
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.plant.entry import find
 from yawrate_env.plant.episodes import share_without_gains
 from yawrate_env.plant.plant import Plant
-from yawrate_env.vehicle.task import Experiment, Prior, Task
+from yawrate_env.vehicle.task import Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 RECIPES = {
@@ -64,23 +55,13 @@ RECIPES = {
         noise_draws=4,
         episodes=7000,
     ),
-    "ts-ff-any": Recipe(
-        Laguerre(order=MORE),
-        TrendSettings(FeedForwardSettings(neurons=28, max_fail=10, epochs=400), degree=2),
-        noise_draws=4,
-        episodes=7000,
-    ),
 }
 """The tuners that are trained: the paper's two, the same predicting the gains themselves, the
-same learners on Laguerre features with fresh noise on every simulated vehicle, one for every
-speed, and one for every speed and input."""
+same learners on Laguerre features with fresh noise on every simulated vehicle, and one for
+every speed."""
 
-SPEEDS = {"ts-ff-lag-vx": (10.0, 33.0), "ts-ff-any": (10.0, 33.0)}
+SPEEDS = {"ts-ff-lag-vx": (10.0, 33.0)}
 """Speeds that a recipe is for, if not the paper's vehicle at one speed [m/s]."""
-
-ANY_INPUT = ("ts-ff-any",)
-"""Recipes for an input of each recording's own: their Laguerre functions are regularised by the
-coefficients of the plant that they are trained for (`tuners.features.regularised`)."""
 
 UNTRAINED: dict[str, type[Method]] = {
     "gb": GrayBox,
@@ -146,9 +127,6 @@ def train(
     else:
         known, recipe = recipe_named(what)
         plant = yaw_rate(_task(known)) if plant is None else find(plant)
-    if known in ANY_INPUT:
-        order = min(MORE, len(plant.u) // 10)
-        recipe = replace(recipe, features=suited_to_any_input(plant, order))
     share = share_without_gains(plant)  # refuses a plant of which nothing can be learned
     stages, training = fit(
         plant, recipe, count=episodes, seed=seed, name=name or known, data=data, progress=progress
@@ -171,11 +149,8 @@ def recipe_named(recipe: str | Recipe) -> tuple[str, Recipe]:
 
 
 def _task(name: str) -> Task:
-    """The paper's vehicles at a recipe's speeds, with its kind of input."""
-    return Task(
-        prior=Prior(v_x=SPEEDS[name]) if name in SPEEDS else Prior(),
-        experiment=Experiment(register="random") if name in ANY_INPUT else Experiment(),
-    )
+    """The paper's vehicles at a recipe's speeds."""
+    return Task(prior=Prior(v_x=SPEEDS[name])) if name in SPEEDS else Task()
 
 
 _TYPES = ("float64", "float32", "int64", "uint8", "bool")

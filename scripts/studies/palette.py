@@ -13,7 +13,6 @@ COLOURS = {
     **{"ts-ff-lag": "#56B4E9", "ts-gbm-lag": "#332288", "Cramér–Rao bound": "#1f2328"},
     **{"ts-ff-lag-vx": "#999933", "rl": "#882255", "sac-laguerre": "#882255"},
     **{"vrft": "#AA4499", "frit": "#117733", "bb": "#E69F00", "ladder": "#EE3377"},
-    **{"ts-ff-any": "#44AA99"},
     **{"sac-armax": "#56B4E9", "td3-laguerre": "#999933", "ppo-laguerre": "#332288"},
 }
 OTHER_COLOURS = ("#56B4E9", "#882255", "#999933", "#332288")
