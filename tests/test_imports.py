@@ -10,6 +10,7 @@ from imports import imported_names, modules_after
 from recordings import ROOT
 
 import yawrate_env
+from tuners.cli import COMMANDS, main
 
 FILES = sorted(p for name in ("yawrate_env", "tuners") for p in (ROOT / name).rglob("*.py"))
 FLOORS = {
@@ -111,10 +112,25 @@ def test_importing_the_environment_is_light():
 
 
 def test_importing_the_tuners_is_light():
-    loaded = modules_after("import tuners")
+    heavy = LEARNING | HEAVY | {"tqdm", "PIL", "safetensors"}
+    assert not modules_after("import tuners") & (heavy | {"numba", "numpy", "gymnasium"})
+    loaded = modules_after("import tuners; tuners.load")
     assert {"tuners", "yawrate_env", "numba"} <= loaded
     # SciPy is not in the list: numba imports it to find its BLAS.
-    assert not loaded & (LEARNING | HEAVY | {"tqdm", "PIL", "safetensors"})
+    assert not loaded & heavy
+
+
+def test_the_commands_help_imports_no_arrays():
+    program = "from tuners.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass"
+    silent = "import sys, io; sys.stdout = io.StringIO()"
+    loaded = modules_after(f"{silent}; exec({program!r}); sys.stdout = sys.__stdout__")
+    assert "click" in loaded and not loaded & {"numpy", "numba", "gymnasium", "scipy"}
+
+
+def test_the_list_of_commands_says_what_each_one_says():
+    listed = {name: main.get_command(None, name).get_short_help_str(200) for name in COMMANDS}
+    for name, words in COMMANDS.items():
+        assert listed[name].startswith(words.rstrip(".")), name
 
 
 def test_an_episode_needs_no_learning_and_no_plotting():

@@ -25,7 +25,7 @@ COMPARABLE = {"gb": "gb"} | {
 }
 """Rows that follow the paper's recipe to the letter, to its own; no others stand beside it."""
 
-DIGITS = {"episodes.csv": 5, "table3.json": 4}
+DIGITS = {"episodes.csv": 5, "table3.json": 6}
 """Significant digits that are stored: those that another processor gives as well."""
 
 HEADS = (
