@@ -118,6 +118,13 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
   `--time-unit` it is refused. So are other options that contradict each other.
 - **`--start auto`** means `rest` for plants whose responses do not add up.
 
+`python scripts/log_files.py files` tunes from 65 files of these kinds whose answer is known;
+`hunt` damages files of every format at random and counts what becomes of them. Of 5,000 (seed 0)
+3,826 were refused in one line, the gains of 101 were refused, and 1,067 answers were right. Of
+five more the gains are within 2 % and the 90 % interval lies beside the undamaged file's; of one,
+where damage moved a channel by 50 ms, gains are wrong and usable with care: its reason asks about
+the 50 ms. None ended in a traceback, took 10 s or 2 GB.
+
 `--steer-column`, `--steer-unit`, `--flip-steer` and `--steer-is` are other names of the
 `--input-` options, `--yaw-rate-column`, `--yaw-rate-unit` and `--flip-yaw-rate` of the
 `--output-` options; `--steer-ratio R` divides the input by R.

@@ -35,8 +35,9 @@ SOURCES = (
 """Of `log_files`."""
 
 RIGHT, REFUSED, UNTRUSTED = "right and trusted", "refused", "gains refused"
-TRACEBACK, SLOW, LARGE, WRONG = "traceback", "over 10 s", "over 2 GB", "wrong and trusted"
-FORBIDDEN = TRACEBACK, SLOW, LARGE, WRONG
+TRACEBACK, SLOW, LARGE = "traceback", "over 10 s", "over 2 GB"
+WRONG, APART = "wrong and trusted", "trusted, intervals apart"
+FORBIDDEN = TRACEBACK, SLOW, LARGE, WRONG, APART
 
 PATIENCE, MEMORY = 10.0, 2 << 20  # s of the processor, KiB
 MISSED = 3.0, 0.15  # deg and Hz
@@ -179,23 +180,29 @@ def outcome(path: Path, dbc: Path | None, clean: Result) -> tuple[str, str]:
         return TRACEBACK, f"{type(error).__name__}: {error}"
     if not result.trusted:
         return UNTRUSTED, "; ".join(result.reasons)
-    return (WRONG if contradicted(result, clean) else RIGHT), f"{result.gains}"
+    return compared(result, clean), f"{result.gains}"
 
 
-def contradicted(result: Result, clean: Result) -> bool:
-    """Whether a trusted answer is not that of the undamaged file."""
-    for name, now in result.intervals.items():
-        then = clean.intervals[name]
-        if now.low > then.high or now.high < then.low:
-            return True
-    plant = clean.plant
+def compared(result: Result, clean: Result) -> str:
+    """What a trusted answer is, beside that of the undamaged file.
+
+    Intervals are of the margins that an answer's own gains give: the undamaged file has the same
+    widths about what its fitted plant gives with these gains.
+    """
+    plant, target = clean.plant, clean.plant.loop_target
+    assert target is not None and plant.evaluate is not None
     gains = np.array([[result.gains[name] for name in plant.gains]])
     theta = np.array([list(clean.fit.parameters.values())])
-    target = plant.loop_target
-    assert target is not None and plant.evaluate is not None
-    margins, _ = plant.evaluate(theta, gains)
-    found = abs(margins[0, 0] - target.phase_margin), abs(margins[0, 1] - target.crossover)
-    return not all(error <= most for error, most in zip(found, MISSED, strict=True))
+    margins = plant.evaluate(theta, gains)[0][0]
+    aims = target.phase_margin, target.crossover
+    apart = False
+    for name, found, aim, most in zip(plant.counted, margins, aims, MISSED, strict=False):
+        now, then = result.intervals[name], clean.intervals[name]
+        half = (then.high - then.low) / 2
+        if abs(found - aim) > most:
+            return WRONG
+        apart |= now.low > found + half or now.high < found - half
+    return APART if apart else RIGHT
 
 
 @dataclass(frozen=True, slots=True)

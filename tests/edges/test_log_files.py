@@ -52,6 +52,15 @@ def test_a_file_holds_the_recording_or_is_refused_with_the_way_out(file, tmp_pat
         np.testing.assert_allclose(log.u, PLAIN["steer"][:count], atol=1e-6)
 
 
+def test_a_structure_that_ends_scipys_process_is_refused(tmp_path):
+    file = next(file for file in FILES if file.name == "simulink.mat")
+    file.write(tmp_path / file.name)
+    _, content = mutations.mutated((tmp_path / file.name).read_bytes(), 3446)
+    (tmp_path / file.name).write_bytes(content)
+    with pytest.raises(LogError, match="damaged"):
+        read_log(tmp_path / file.name, PLANT)
+
+
 @pytest.mark.slow
 def test_damaged_files_of_every_format_do_no_harm(tmp_path):
     """200 of the hunt of `scripts/log_files.py`."""
