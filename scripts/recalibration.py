@@ -1,6 +1,6 @@
 """Keep gains right while friction walks and jumps: who does how well, beside the bound.
 
-python scripts/recalibration.py               # results/recalibration.*, half an hour
+python scripts/recalibration.py               # results/recalibration.*, a quarter of an hour
 python scripts/recalibration.py --speed       # measures the environment's speed again, nothing else
 """
 
@@ -17,9 +17,9 @@ from yawrate_env.files import write_text
 
 @program(__doc__)
 @counted("--drives", 400, "Of 50 windows each; a quarter of them under each fault.")
-@counted("--tuned", 20, "Drives on which tuners answer every window.")
+@counted("--tuned", 4, "Drives on which tuners answer every window.")
 @counted("--networks", 3, "Seeds of the recurrent network.")
-@counted("--lessons", 1000, "Drives that teach each.")
+@counted("--lessons", 400, "Drives that teach each.")
 @click.option("--tuner", "names", multiple=True, default=("bb", "ts-ff-lag-vx"), help="Tuners.")
 @seed(help="Of the drives.")
 @counted("--batch", 256, "Drives in the environment whose speed is measured.")

@@ -30,7 +30,8 @@ does not bias, and helps itself with the prior: above never, below the filter, s
 
 **The recurrent network** reads the environment's observations and is taught by the simulator: its
 targets are the design rule's coordinates for the vehicle of the window to come. It has to find the
-filter by itself, from drives alone.
+filter by itself, from drives alone: above never and the tuners on every window, not yet above the
+design rule at the last window's own estimate.
 
 **The information bound** (Tichavský, Muravchik and Nehorai, 1998) is the recursion
 `J+ = (J^-1 + Q)^-1 + F` at the truth, told of every jump after its window; its row draws estimates

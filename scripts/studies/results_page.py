@@ -106,6 +106,7 @@ _OTHERS = {
     "robustness.md": "who breaks where: wrong vehicle data, disturbances, defects, faulty logs",
     "off_design.md": "every tuner under other noise, lengths, excitations and wrong vehicle data",
     "schedule.md": "gains over speed, and the price of a wrong speed",
+    "recalibration.md": "gains kept right while friction changes, from never to the oracle",
     "nonlinear.md": "what a linear twin costs when the tyres saturate",
     "benchmark.md": "computing times beside other libraries and the machine's limits",
     "datasets.md": "time and memory of data sets up to a million episodes",
