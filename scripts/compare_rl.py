@@ -1,9 +1,10 @@
 """Train reinforcement-learning agents and compare them with the two-stage tuners.
 
 python scripts/compare_rl.py                     # five seeds of each agent, about an hour
-python scripts/compare_rl.py --agent sac-laguerre --seeds 1
+python scripts/compare_rl.py --agent naf-laguerre --seeds 10
 
-Trained agents are kept in runs/rl and found again; results go to results/ and figures/.
+Trained agents are kept in runs/rl and found again; results go to results/ and figures/, where those
+of agents that are not asked for stay.
 """
 
 from pathlib import Path
@@ -14,7 +15,7 @@ from studies import comparison, curve_plots, plots
 from studies.program import FOLDER, counted, folders, program
 from tuners.cli.progress import Bars
 
-AGENTS = ("sac-laguerre", "sac-armax", "td3-laguerre", "ppo-laguerre")
+AGENTS = ("naf-laguerre", "naf-plain-laguerre", "sac-laguerre", "td3-laguerre", "ppo-laguerre")
 
 
 @program(__doc__)
@@ -26,12 +27,14 @@ AGENTS = ("sac-laguerre", "sac-armax", "td3-laguerre", "ppo-laguerre")
 def main(
     agent: tuple[str, ...], seeds: int, episodes: int, folder: Path, results: Path, figures: Path
 ) -> None:
-    runs = [(algorithm, features) for algorithm, features in (name.split("-") for name in agent)]
+    runs = [
+        (algorithm, features) for algorithm, features in (name.rsplit("-", 1) for name in agent)
+    ]
     with Bars() as bars:
         scores = comparison.compare(runs, seeds, episodes, folder, bars)
-    comparison.write(scores, episodes, results)
+    scores = comparison.write(scores, results)
     plots.save(curve_plots.learning_curves(scores), figures / "rl.png")
-    print(comparison.to_markdown(scores, episodes))
+    print(comparison.to_markdown(scores))
 
 
 if __name__ == "__main__":

@@ -27,7 +27,9 @@ def learning_curves(scores: Sequence[Score]) -> Figure:
     scores : sequence of Score
         Those without episodes are levels; those with a time of training are agents.
     """
-    seeds = max((s.seed for s in scores if s.seconds), default=0) + 1
+    agents = {s.name for s in scores if s.seconds}
+    counts = {max(s.seed for s in scores if s.name == name) + 1 for name in agents} or {1}
+    seeds, most = min(counts), max(counts)
     with style.context(["default", STYLE]):
         picture = Figure(figsize=(WIDTH, 7.2))
         above, below = picture.subplots(2, 1, sharex=True)
@@ -36,10 +38,11 @@ def learning_curves(scores: Sequence[Score]) -> Figure:
         above.set_ylabel("mean margin error [1 = 10° or 0.25 Hz]")
         below.set_ylabel("standard deviation of phase_margin [deg]")
         below.set_xlabel("simulated episodes")
-        many = f"interquartile mean of {seeds} seeds and its 95 % interval"
+        many = f"{seeds} seeds" if seeds == most else f"{seeds} to {most} seeds"
+        many = f"interquartile mean of {many} and its 95 % interval"
         picture.supxlabel(
-            f"Agents: {many if seeds > 1 else 'one seed'}.  Dots: two-stage tuners.  "
-            "Dashed: no training.  The oracle's errors are 0.",
+            f"Agents: {many if most > 1 else 'one seed'}.  Dots: two stages.  "
+            "Dashed: no training.  oracle: 0.",
             fontsize=8, color=INK, x=0.01, ha="left",
         )  # fmt: skip
         picture.align_ylabels()

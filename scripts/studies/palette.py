@@ -11,9 +11,10 @@ COLOURS = {
     **{"gb": "#0072B2", "ts-ff": "#D55E00", "ts-gbm": "#009E73", "ts-ff-gains": "#E69F00"},
     **{"ts-gbm-gains": "#CC79A7", "nominal": "#7b838c", "oracle": "#1f2328"},
     **{"ts-ff-lag": "#56B4E9", "ts-gbm-lag": "#332288", "Cramér–Rao bound": "#1f2328"},
-    **{"ts-ff-lag-vx": "#999933", "rl": "#882255", "sac-laguerre": "#882255"},
+    **{"ts-ff-lag-vx": "#999933", "rl": "#882255", "naf-laguerre": "#882255"},
     **{"vrft": "#AA4499", "frit": "#117733", "bb": "#E69F00", "ladder": "#EE3377"},
-    **{"sac-armax": "#56B4E9", "td3-laguerre": "#999933", "ppo-laguerre": "#332288"},
+    **{"naf-plain-laguerre": "#CC79A7", "sac-laguerre": "#E69F00", "rl-sac": "#E69F00"},
+    **{"ff-laguerre": "#56B4E9", "td3-laguerre": "#999933", "ppo-laguerre": "#332288"},
 }
 OTHER_COLOURS = ("#56B4E9", "#882255", "#999933", "#332288")
 INK, MODEL, NOISE, ZOOM = rendering.INK, "#b0307a", "#7fb0dd", "#faf6ea"

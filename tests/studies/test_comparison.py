@@ -62,11 +62,26 @@ def test_scores_sum_up_the_margins():
 
 def test_written_scores_can_be_read(tmp_path):
     scores = [made(seed=i, std=std) for i, std in enumerate((0.3, 0.1, 0.2))]
-    comparison.write(scores, 1000, tmp_path / "new")
+    comparison.write(scores, tmp_path / "new")
     read = json.loads((tmp_path / "new" / "rl.json").read_text())
     assert [Score(**r).seed for r in read] == [0, 1, 2]
     assert read[0]["phase_margin"] == [60.1, 0.3]
-    assert (tmp_path / "new" / "rl.md").read_text() == comparison.to_markdown(scores, 1000)
+    assert (tmp_path / "new" / "rl.md").read_text() == comparison.to_markdown(scores)
+    # What is stored stays, unless it was found again.
+    again = [made(seed=1, std=0.7), made("other")]
+    kept = comparison.write(again, tmp_path / "new")
+    assert [(s.name, s.seed, s.phase_margin[1]) for s in kept] == [
+        ("sac", 0, 0.3), ("sac", 2, 0.2), ("sac", 1, 0.7), ("other", 0, 0.5),
+    ]  # fmt: skip
+
+
+def test_the_table_has_errors_with_bias_and_their_ratio_to_the_bound():
+    bound = Score(comparison.BOUND, 0, 0, 0.0, (60.0, 0.05), (1.5, 0.01), 0)
+    scores = [bound, *(made(seed=i, std=std) for i, std in enumerate((0.3, 0.1, 0.2)))]
+    *_, median = comparison.to_markdown(scores).splitlines()
+    margin, crossover = np.hypot(0.1, 0.2), np.hypot(0.01, 0.01)
+    for value in (f"{margin:.3g}", f"{margin / 0.05:.3g} / {crossover / 0.01:.3g}", "median of 3"):
+        assert value in median
 
 
 class Saved:
@@ -90,7 +105,7 @@ def test_agents_are_trained_once_for_each_length(monkeypatch, tmp_path):
     ((asked, at),) = training
     assert (asked.seed, asked.episodes, at) == (4, 1500, (500, 1000, 1500))
     for n, (path, seconds) in first.items():
-        assert path.name == f"sac-laguerre-4-{n}.tuner" and seconds >= 0
+        assert path.name == f"naf-laguerre-4-{n}.tuner" and seconds >= 0
         assert path.read_text() == f"4 {n} of 1500"
     # The learning rate falls over the whole training: its first part is not a shorter one.
     found = comparison.agents(Training(episodes=2000, seed=4), tmp_path / "rl")
@@ -115,13 +130,14 @@ def test_everything_is_trained_and_tested(tmp_path, monkeypatch):
     listed = [(s.name, s.episodes, s.seed) for s in scores]
     assert listed == [
         *((name, 0, 0) for name in ("gb", "bb", "vrft", "frit", "oracle", "nominal")),
-        *((name, n, 0) for n in (60, 128) for name in ("ts-gbm", "ts-ff")),
+        (comparison.BOUND, 0, 0),
+        *(("ff-laguerre", n, 0) for n in (60, 128)),
         *(("ppo-laguerre", n, seed) for seed in (0, 1) for n in (60, 128)),
     ]
     by_name = {s.name: s for s in scores}
     assert by_name["oracle"].error < 1e-9 < by_name["gb"].error < by_name["nominal"].error
     assert all((s.seconds > 0) == (s.name == "ppo-laguerre") for s in scores)
-    assert "training rl" in {what for what, _, _ in calls}
+    assert "training rl-ppo" in {what for what, _, _ in calls}
     monkeypatch.setattr(rl_training, "snapshots", None)  # found again
     again = comparison.agents(Training("ppo", "laguerre", 128, seed=1), tmp_path)
     assert [seconds for _, seconds in again.values()] == [s.seconds for s in scores[-2:]]

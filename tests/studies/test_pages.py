@@ -72,7 +72,7 @@ def nonlinear_twin():
 
 def agents():
     scores = [comparison.Score(**row) for row in stored("rl")]
-    return comparison.to_markdown(scores, max(s.episodes for s in scores))
+    return comparison.to_markdown(scores)
 
 
 def scoreboard():
