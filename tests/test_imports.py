@@ -26,6 +26,7 @@ FLOORS = {
         "logs",
         "export",
         "cli",
+        "app",
     ),
 }
 METHOD = "features", "learners", "trust", "tuner"

@@ -490,3 +490,9 @@ def test_measured_angles_are_noted(path):
     count = 10 * (len(VEHICLE.u) - 1)
     assert len(log.u) == len(log.y) == len(log.measured["v_x"]) == count
     assert any("filtered through the actuator" in note for note in log.notes)
+
+
+def test_the_outputs_unit_needs_no_reference(tmp_path):
+    case = CASES["vehicle"]
+    path = write(tmp_path / "log.csv", case.changed(output=np.degrees(case.y)))
+    check_same(read(path, case.plant, units={"output": "deg/s"}), case)

@@ -20,6 +20,7 @@ from tuners.cli.arguments import example
 
 COMMANDS = {
     "tune": "Tune a controller from a LOG of a plant's input and output.",
+    "app": "Open a page on this machine: drop LOGs, choose, and see the report.",
     "schedule": "Make a table of gains over speed from LOGs of one plant.",
     "check": "Check the margins that gains achieve, from a LOG of a drive with them.",
     "watch": "Follow one car through its LOGS, files or folders of them, in time order.",
@@ -31,6 +32,10 @@ COMMANDS = {
     "completion": "Print the script that makes SHELL complete commands and flags.",
 }
 """The commands, in the order of use, and what the list of them says: it need not import them."""
+
+
+_ABOVE = {"app": "tuners.app.command"}
+"""Where commands of packages above this one are; the others are modules of this one."""
 
 
 class Commands(click.Group):
@@ -49,10 +54,11 @@ class Commands(click.Group):
         """Import a command's module; each one has its own ``command``."""
         if cmd_name not in COMMANDS:
             return None
-        if cmd_name == "tune":
+        if cmd_name in ("tune", "app"):
             # One recording is too small for BLAS's threads: they would wait for each other.
             os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        command: click.Command = import_module(f"tuners.cli.{cmd_name}").command
+        module = _ABOVE.get(cmd_name, f"tuners.cli.{cmd_name}")
+        command: click.Command = import_module(module).command
         return command
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
@@ -63,18 +69,30 @@ class Commands(click.Group):
         except click.exceptions.NoArgsIsHelpError as error:
             error.show()
             sys.exit(2)
-        except click.ClickException as error:
-            _end(error.format_message(), error.exit_code)
         except click.Abort:
             _end("interrupted.", 130)
-        except ModuleNotFoundError as error:
-            _end(f'{error}. Install what is missing: pip install "yawrate[tuners]".', 1)
-        except (ValueError, OSError, MemoryError, OverflowError) as error:
-            _end(str(error) or type(error).__name__, 1)
+        except click.ClickException as error:
+            _end(in_words(error), error.exit_code)
+        except ERRORS as error:
+            _end(in_words(error), 1)
 
 
-def _end(message: str, status: int) -> None:
-    line = " ".join(message.split())
+ERRORS = click.ClickException, ValueError, OSError, MemoryError, OverflowError, ModuleNotFoundError
+"""What a user is told in a line; anything else is a defect of the program."""
+
+
+def in_words(error: Exception) -> str:
+    """An error of `ERRORS` as one line."""
+    if isinstance(error, click.ClickException):
+        message = error.format_message()
+    elif isinstance(error, ModuleNotFoundError):
+        message = f'{error}. Install what is missing: pip install "yawrate[tuners]".'
+    else:
+        message = str(error) or type(error).__name__
+    return " ".join(message.split())
+
+
+def _end(line: str, status: int) -> None:
     click.echo(f"error: {line}", err=True)
     sys.exit(status)
 

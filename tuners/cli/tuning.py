@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import click
 
 from tuners.cli.log_files import read_each, recordings, wanted
 from tuners.cli.sources import load_tuner
-from tuners.logs import Log, MissingParameterError, Options, log_of, read_table
+from tuners.logs import Log, MissingParameterError, Options, Table, log_of, read_table
 from tuners.trust.black_box import STARTS
 from tuners.tuner.result import Result
 from tuners.tuner.tuner import Tuner
@@ -37,9 +38,17 @@ def tuner_and_log(
     path: Path, options: Options, name: str | None, load: Callable[[str], Tuner] = load_tuner
 ) -> tuple[str, Tuner, Log]:
     """The tuner's name, the tuner and a log; by default the one that the log suffices for."""
+    load = cache(load)
+    load(name or DEFAULT)  # a wrong name is told before the file, which may be long, is read
+    return tuner_for(read_table(path, options.dbc), options, name, load)
+
+
+def tuner_for(
+    table: Table, options: Options, name: str | None, load: Callable[[str], Tuner] = load_tuner
+) -> tuple[str, Tuner, Log]:
+    """The same for a log that was read."""
     chosen = name or DEFAULT
     trained = load(chosen)
-    table = read_table(path, options.dbc)
     try:
         return chosen, trained, log_of(table, trained.plant, options)
     except MissingParameterError:

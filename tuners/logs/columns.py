@@ -28,11 +28,15 @@ T = TypeVar("T", str, float)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quantity:
-    """A column in the plant's unit, and its own time stamps in formats that have some."""
+    """A column in the plant's unit, and its own time stamps in formats that have some.
+
+    `unit` is what its numbers were taken to be in; empty for the plant's unit and for clock times.
+    """
 
     name: str
     values: Array
     time: Array | None
+    unit: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +65,7 @@ def find(table: Table, plant: Plant, options: Options) -> Found:
     given_units = _by_role(options.units, roles)
     values = _by_role(options.values, roles)
     _check_given(columns, values, plant)
-    if "output" in given_units:
+    if "output" in given_units and "reference" in columns:
         given_units["reference"] = given_units["output"]
     quantities, notes = {}, []
     for key, role in roles.items():
@@ -262,7 +266,7 @@ def _quantity(
     if role.scale != 1 and notes:
         notes.append(f"Column {column} was then multiplied by {role.scale:g}.")
     values = role.scale * (factor * read.values + offset)
-    return Quantity(column, values, read.time), [*read.notes, *notes]
+    return Quantity(column, values, read.time, said), [*read.notes, *notes]
 
 
 def _check_clock(column: str, role: Role, given: str) -> None:
