@@ -61,7 +61,7 @@ def find(table: Table, plant: Plant, options: Options) -> Found:
     given_units = _by_role(options.units, roles)
     values = _by_role(options.values, roles)
     _check_given(columns, values, plant)
-    if "output" in given_units:
+    if "output" in given_units and "reference" in columns:
         given_units["reference"] = given_units["output"]
     quantities, notes = {}, []
     for key, role in roles.items():
