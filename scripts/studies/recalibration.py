@@ -340,8 +340,10 @@ def study(
     """The ladder, that of tuners on fewer drives, and the filter under faults."""
     usual, rows, faults = interface(Drives.of()), [], []
     start, few = (begun(usual.drives, seed, count) for count in (drives, tuned))
+    few_kept = "never re-tune, on the tuners' drives"
     rungs: list[tuple[str, Rung, Course]] = [
         *((name, rung, start) for name, rung in ladder(usual.drives, start).items()),
+        (few_kept, Never(usual.drives, few), few),
         *((name, rung, few) for name, rung in trials(
             usual.drives, few, {name: load(name) for name in names}).items()),
     ]  # fmt: skip

@@ -154,10 +154,12 @@ def test_the_start_is_the_users(tmp_path):
     name, case = "vehicle", CASES["vehicle"]
     offset = 0.3 * np.std(case.y)
     log = write(tmp_path / "log.csv", case.changed(output=case.y + offset))
-    fits = [tuned(log, tuner_of(name), "--start", start)["fit"]
-            for start in ("auto", "unknown", "rest")]  # fmt: skip
-    assert fits[0] == fits[1] and not fits[0]["from_rest"] and fits[2]["from_rest"]
-    assert fits[0]["offset"] == pytest.approx(offset, rel=0.2)
+    auto, unknown, rest = (
+        tuned(log, tuner_of(name), "--start", start)["fit"] for start in ("auto", "unknown", "rest")
+    )
+    assert rest["from_rest"] and not auto["from_rest"] and not unknown["from_rest"]
+    for fit in (auto, unknown):
+        assert fit["offset"] == pytest.approx(offset, rel=0.2)
 
 
 def scaled(case):

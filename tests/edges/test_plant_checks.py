@@ -31,7 +31,7 @@ def raises(error):
     return function
 
 
-def measured(theta, u, keys, out):
+def measured(theta, u, keys, out, written):
     return simulate(theta, u, None)
 
 

@@ -23,7 +23,7 @@ from yawrate_env.vehicle.task import Task
 
 ACTION = np.array([0.2, 0.3])
 INFO_KEYS = [
-    *("kp", "Ti", "clipped", "phase_margin", "crossover", "gain_margin", "stable"),
+    *("kp", "Ti", "clipped", "phase_margin", "crossover", "gain_margin", "stable", "cost"),
     *("oracle_kp", "oracle_Ti", "mu_s", "M_delta", "v_x"),
 ]
 

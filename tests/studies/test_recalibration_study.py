@@ -29,6 +29,7 @@ def test_rungs_are_in_order(short):
     assert all(each["windows"] == 960 and each["unstable"] == 0 for each in found.values())
 
 
+@pytest.mark.slow
 def test_tuners_answer_every_window_or_leave_gains_alone(short):
     start = begun(short.drives, 0, 2)
     two = replace(short, windows=2)

@@ -27,7 +27,7 @@ COMMANDS = {
     "train": "Train a tuner for a vehicle or another plant, and print its accuracy.",
     "excite": "Write the input signal of the experiment.",
     "export": "Write a controller, or a tuner, for another program.",
-    "init": "Write a vehicle's file to fill in: the paper's values, each with a comment.",
+    "init": "Write a plant's file to fill in: ranges of its parameters, each with a comment.",
     "dataset": "Simulate a data set of episodes, on this machine's cores or on a cluster.",
     "completion": "Print the script that makes SHELL complete commands and flags.",
 }

@@ -240,7 +240,7 @@ def inverse_of(slopes: Array) -> Array:
         normal = np.where(outer > 0, gram / outer, 0.0)
     regular = np.isfinite(normal).all(axis=(1, 2)) & (np.linalg.cond(np.nan_to_num(normal)) < 1e12)
     eye = np.eye(gram.shape[1])
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.linalg.inv(np.where(regular[:, None, None], normal, eye)) / outer
     return np.where(regular[:, None, None], inverse, np.where(eye > 0, np.inf, 0.0))
 
