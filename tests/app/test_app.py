@@ -6,7 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import urllib.request
 from pathlib import Path
 
@@ -101,16 +100,13 @@ def test_a_large_upload_without_a_length_is_refused_on_the_way():
     assert sum(sent) == LARGEST + len(piece)
 
 
-def test_an_upload_that_breaks_off_leaves_nothing(client):
+def test_an_upload_that_breaks_off_leaves_nothing():
     pieces = iter([{"type": "http.request", "body": b"t,u", "more_body": True}])
 
     async def receive():
         return next(pieces, {"type": "http.disconnect"})
 
-    from starlette.requests import ClientDisconnect
-
-    with pytest.raises(ClientDisconnect):
-        statuses([], receive)
+    assert statuses([], receive) == [400, []]
 
 
 def test_a_log_is_answered_as_by_the_command(client, log):
@@ -245,9 +241,12 @@ def test_files_are_gone_when_it_ends(running, sent):
 def test_it_listens_on_this_machine_alone(running):
     address, _, _ = running
     port = int(address.split(":")[2].split("/")[0])
-    assert address.startswith("http://127.0.0.1:")
-    for host in {entry[4][0] for entry in socket.getaddrinfo(socket.gethostname(), port)}:
-        if not host.startswith("127.") and ":" not in host:
-            with pytest.raises(OSError):
-                socket.create_connection((host, port), timeout=1)
-    assert tempfile.gettempdir()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as route:
+        try:
+            route.connect(("192.0.2.1", 9))  # nothing is sent: it finds this machine's address
+        except OSError:
+            pytest.skip("this machine has no other address")
+        outside = route.getsockname()[0]
+    with pytest.raises(OSError):
+        socket.create_connection((outside, port), timeout=1)
+    socket.create_connection(("127.0.0.1", port), timeout=1).close()

@@ -2,6 +2,7 @@
 
 import secrets
 import socket
+import threading
 import webbrowser
 
 import click
@@ -39,8 +40,8 @@ def command(port: int, no_browser: bool) -> None:
     with _listening(port) as listening:
         address = f"http://{HOST}:{listening.getsockname()[1]}/{token}/"
         click.echo(f"{address}\nCtrl-C ends it.")
-        if not no_browser:
-            webbrowser.open(address)
+        if not no_browser:  # a browser in the terminal returns when it is closed
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
         config = uvicorn.Config(
             application(token),
             http="h11",

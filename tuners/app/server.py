@@ -28,7 +28,7 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Mount, Route
 
@@ -76,6 +76,7 @@ def application(token: str) -> Starlette:
         ],
         exception_handlers={
             TooLargeError: _too_large,
+            ClientDisconnect: _broken_off,
             HTTPException: _not_found,
         },
         lifespan=_lifespan,
@@ -181,6 +182,10 @@ async def _form(request: Request) -> dict[str, Any]:
 
 async def _too_large(request: Request, error: Exception) -> Response:
     return refused(413, TOO_LARGE)
+
+
+async def _broken_off(request: Request, error: Exception) -> Response:
+    return refused(400, "The log did not arrive whole.")
 
 
 async def _not_found(request: Request, error: Exception) -> Response:

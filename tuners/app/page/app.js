@@ -184,6 +184,7 @@ class Log {
     this.part("exports").replaceChildren(
       ...told.exports.map((target) => made("a", { class: "button", href: `logs/${this.number}/files/${target}`, download: "" }, EXPORTS[target])),
     );
+    this.part("answer").scrollIntoView();
   }
 }
 
