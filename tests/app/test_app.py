@@ -217,6 +217,18 @@ def test_a_long_log_is_thinned_and_keeps_its_peaks():
     assert (np.diff(times) > 0).all() and abs(times[values.argmax()] - 54_321) <= 100
 
 
+def test_a_defect_is_told_as_one(monkeypatch):
+    from tuners.app import answers
+
+    def broken():
+        raise RuntimeError
+
+    monkeypatch.setattr(answers, "choices", broken)
+    with TestClient(application(TOKEN), HOME, raise_server_exceptions=False) as client:
+        sent = client.get("choices")
+        assert sent.status_code == 500 and list(sent.json()) == ["error"]
+
+
 @pytest.fixture
 def running(tmp_path):
     """The command as a process: its address, itself, and where it keeps files."""

@@ -60,11 +60,7 @@ def command(port: int, no_browser: bool) -> None:
 
 def _listening(port: int) -> socket.socket:
     """A socket that this machine alone can reach."""
-    opened = socket.socket()
     try:
-        opened.bind((HOST, port))
-        opened.listen()
+        return socket.create_server((HOST, port))
     except OSError as error:
-        opened.close()
         raise click.ClickException(f"--port {port}: {error.strerror}. Choose another.") from None
-    return opened

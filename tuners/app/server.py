@@ -78,6 +78,7 @@ def application(token: str) -> Starlette:
             TooLargeError: _too_large,
             ClientDisconnect: _broken_off,
             HTTPException: _not_found,
+            Exception: _failed,
         },
         lifespan=_lifespan,
     )
@@ -191,3 +192,7 @@ async def _broken_off(request: Request, error: Exception) -> Response:
 async def _not_found(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     return refused(error.status_code, "There is nothing here.")
+
+
+async def _failed(request: Request, error: Exception) -> Response:
+    return refused(500, "The program failed: the terminal in which it runs says how.")

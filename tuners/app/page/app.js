@@ -63,12 +63,13 @@ class Log {
   constructor(name) {
     this.name = name;
     this.form = {};
-    this.asked = 0;
+    this.asked = this.tuned = 0; // numbers of the last requests: answers to earlier ones are late
+    this.reading = this.tuning = false;
     this.plots = [];
     this.panel = find("#log").content.cloneNode(true).firstElementChild;
     this.tab = made("button", { type: "button", role: "tab" }, name);
     tell(this.part("name"), name);
-    this.busy("Reading…");
+    this.busy({ reading: true });
     find("#logs").append(this.panel);
     find("#tabs").append(this.tab);
     logs.push(this);
@@ -88,9 +89,10 @@ class Log {
     return find(`[data-${name}]`, this.panel);
   }
 
-  busy(words) {
-    this.part("busy").textContent = words;
-    find("button.main", this.panel).disabled = words !== "";
+  busy(changes) {
+    Object.assign(this, changes);
+    this.part("busy").textContent = this.tuning ? "Tuning…" : this.reading ? "Reading…" : "";
+    find("button.main", this.panel).disabled = this.tuning;
   }
 
   remove() {
@@ -115,13 +117,13 @@ class Log {
   async changed() {
     const asked = ++this.asked;
     this.part("answer").classList.add("stale");
-    this.busy("Reading…");
+    this.busy({ reading: true });
     const told = await post(`logs/${this.number}`, this.fields());
     if (asked === this.asked) this.show(told);
   }
 
   show(told) {
-    this.busy("");
+    this.busy({ reading: false });
     tell(this.part("error"), told.error);
     tell(this.part("command"), told.command);
     this.part("same").hidden = !told.command;
@@ -131,7 +133,7 @@ class Log {
     if (told.tuner) find("option", this.part("tuners")).textContent = `by default (${told.tuner})`;
     if (told.stretch) this.used = told.stretch;
     for (const [name, i] of [["from", 0], ["to", 1]])
-      find(`[name=${name}]`, this.panel).placeholder = told.stretch ? told.stretch[i].toPrecision(6).replace(/\.?0+$/, "") : "";
+      find(`[name=${name}]`, this.panel).placeholder = told.stretch ? seconds(told.stretch[i]) : "";
     if (told.plot) this.draw(told.plot);
   }
 
@@ -142,7 +144,7 @@ class Log {
     for (const role of ROLES) {
       const known = roles.find((r) => r.role === role);
       const column = find(`[name=${role}-column]`, body);
-      column.options[0].textContent = known && known.column && !column.value ? known.column : roles.length ? "none" : "choose one";
+      column.options[0].textContent = known && known.column && !column.value ? known.column : roles.length ? "none" : "by its name";
       const unit = find(`[name=${role}-unit]`, body);
       if (unit) unit.placeholder = known ? known.unit : "";
       const value = find("[name=speed]", body);
@@ -161,7 +163,7 @@ class Log {
     const place = this.part("plots");
     place.replaceChildren();
     this.drawn = plot;
-    if (this.panel.hidden) return;
+    if (this.panel.hidden) return; // it has no width then
     this.plots = ["input", "output"].map((signal, i) => {
       place.append(made("h3", {}, plot.labels[i]));
       return chart(place, plot.time, plot[signal], signal, this);
@@ -169,18 +171,18 @@ class Log {
   }
 
   async tune() {
-    const asked = ++this.asked;
-    this.busy("Tuning…");
+    const tuned = ++this.tuned;
+    const asked = this.asked;
+    this.busy({ tuning: true });
     const told = await post(`logs/${this.number}/answer`, this.fields());
-    if (asked !== this.asked) return;
-    this.busy("");
+    this.busy({ tuning: false });
     tell(this.part("error"), told.error);
     this.part("answer").hidden = Boolean(told.error);
     this.answer = told.answer;
     overview();
     if (told.error) return;
-    this.part("answer").classList.remove("stale");
-    this.part("report").src = `logs/${this.number}/report?${asked}`;
+    this.part("answer").classList.toggle("stale", asked !== this.asked);
+    this.part("report").src = `logs/${this.number}/report?${tuned}`;
     this.part("exports").replaceChildren(
       ...told.exports.map((target) => made("a", { class: "button", href: `logs/${this.number}/files/${target}`, download: "" }, EXPORTS[target])),
     );
@@ -205,7 +207,7 @@ function row(role, columns, known) {
 
 function chart(place, time, values, signal, log) {
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const axis = { font: "12px system-ui, sans-serif", stroke: () => colour("--muted"), grid: { stroke: () => colour("--line"), width: 1 }, ticks: { show: false } };
+  const axis = { size: 30, font: "12px system-ui, sans-serif", stroke: () => colour("--muted"), grid: { stroke: () => colour("--line"), width: 1 }, ticks: { show: false } };
   return new uPlot(
     {
       width: place.clientWidth,
@@ -228,8 +230,8 @@ function chart(place, time, values, signal, log) {
           (u) => {
             const { left, width } = u.select;
             if (width < 3) return;
-            const [from, to] = [left, left + width].map((x) => u.posToVal(x, "x").toPrecision(6));
-            log.stretch(String(Number(from)), String(Number(to)));
+            const [from, to] = [left, left + width].map((x) => seconds(u.posToVal(x, "x")));
+            log.stretch(from, to);
           },
         ],
       },
@@ -258,16 +260,21 @@ function overview() {
       const line = made("tr");
       const gains = Object.entries(answer.gains);
       const metrics = Object.entries(answer.metrics);
-      const listed = (pairs) => pairs.map(([key, value]) => `${key} ${number(value)} ${answer.units[key] || ""}`.trim()).join(", ");
+      const one = ([key, value]) => `${key.replaceAll("_", " ")} ${number(value)} ${answer.units[key] || ""}`.trim();
+      const listed = (pairs) => pairs.map(one).join(", ");
       line.append(
         made("td", {}, name),
         made("td", {}, VERDICTS[answer.verdict]),
         made("td", {}, listed(gains)),
-        made("td", {}, listed(metrics.map(([key, metric]) => [key.replaceAll("_", " "), metric.value]))),
+        made("td", {}, listed(metrics.map(([key, metric]) => [key, metric.value]))),
       );
       return line;
     }),
   );
+}
+
+function seconds(time) {
+  return String(Number(time.toFixed(4))); // as a number of seconds since 1970 it has 14 digits
 }
 
 function number(value) {
@@ -293,8 +300,15 @@ for (const name of ["dragenter", "dragover", "dragleave", "drop"])
     drop.classList.toggle("over", name === "dragenter" || name === "dragover");
     if (name === "drop") take([...event.dataTransfer.files]);
   });
-for (const redraw of [window.matchMedia("(prefers-color-scheme: dark)"), window])
-  redraw.addEventListener(redraw === window ? "resize" : "change", () => logs.forEach((log) => log.drawn && log.draw(log.drawn)));
+function redraw() {
+  for (const log of logs) if (log.drawn) log.draw(log.drawn);
+}
+window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+let wide = window.innerWidth;
+window.addEventListener("resize", () => {
+  if (window.innerWidth !== wide) redraw(); // a phone's bars come and go as one scrolls
+  wide = window.innerWidth;
+});
 for (const [role, units] of Object.entries(UNITS)) {
   const list = made("datalist", { id: `units-${role}` });
   list.append(...units.map((unit) => made("option", { value: unit })));
