@@ -50,8 +50,8 @@ def test_their_response_is_that_of_their_filters():
 
 
 def test_a_load_in_each_window_adds_a_bend():
-    Z, constant = free_responses(FUNCTIONS, N, 1.0)
-    assert Z.shape == (4 + 7 + 2, N) and constant.shape == (13,)
+    Z, straight = free_responses(FUNCTIONS, N, 1.0)
+    assert Z.shape == (4 + 7 + 2, N) and straight.shape == (2, 13)
     np.testing.assert_allclose(Z @ Z.T, np.eye(len(Z)), atol=1e-9)
     load = np.where(T < N / 4, 0.3, -0.2)
     drift = 2.0 + np.concatenate([[0.0], np.cumsum(load)[:-1]])
@@ -93,7 +93,7 @@ def test_a_recording_of_a_closed_loop_is_tuned():
         y[k] = level + e[k]
         u[k] = kp * (reference[k] - y[k])
         level += K * (u[k - late] if k >= late else 0.0)
-    found = TUNER.tune(u, y)
+    found = TUNER.tune(u, y, reference=reference)
     right = PLANT.oracle(np.array([[K, late]]))[0]
     assert found.trusted
     assert [found.gains["kp"], found.gains["Ti"]] == pytest.approx(right, rel=0.05)

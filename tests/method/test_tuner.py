@@ -480,7 +480,7 @@ def test_files_that_are_incomplete_are_refused(altered, lost):
 @pytest.mark.parametrize("change", [{"b2": np.zeros(3)}, {"b1": np.full(8, np.nan)}])
 def test_arrays_that_cannot_be_used_are_refused(altered, change):
     settings, arrays = altered.parts
-    altered.refused(settings, arrays | change, " has ")
+    altered.refused(settings, arrays | change, "W2|b1")
 
 
 @pytest.mark.parametrize("altered", ["vehicle"], indirect=True)

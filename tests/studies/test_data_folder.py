@@ -52,7 +52,7 @@ def test_everything_that_is_wrong_is_named(folder):
     damage(second)
     third.unlink()
     third.mkdir()
-    refused(f"{third.name} is damaged: it is a folder. Delete", folder.path, again)
+    refused(f"{third.name} is a folder. Move", folder.path, again)
     with pytest.raises(DatasetError) as refusal:
         verify(folder.path)
     text = str(refusal.value)

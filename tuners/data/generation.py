@@ -164,7 +164,7 @@ def _begun(
 
 def _check_own(folder: Path, recipe: Configuration) -> None:
     """Refuse a folder with files of others, links or folders in it."""
-    own = {manifest.FILE, *(shard.file for shard in recipe.shards())}
+    own = {manifest.FILE, _LOCK, *(shard.file for shard in recipe.shards())}
     for path in sorted(folder.iterdir()):
         if path.name not in own or path.is_symlink() or not path.is_file():
             what = "a link" if path.is_symlink() else "a folder" if path.is_dir() else "foreign"

@@ -39,6 +39,7 @@ SAMPLES = 10
 _PLANTS, _MORE_PLANTS, _MOST_PLANTS, _POLES = 16, 64, 512, 25
 _SEED = 21
 _HIDDEN = 4.0  # of the noise's variance, where a start has some twenty unknowns
+_RARE = 3.72  # standard deviations of a normal number: beyond it is one in 10 000
 _SIGNIFICANT = 4.0  # standard deviations of the statistic under rest
 _SHARES = (4, 2, 1)  # of the functions: an n-th of the decays is tried first
 _DECIDED = 1000.0  # times what is significant in white noise: no colour explains it
@@ -252,7 +253,7 @@ def black_box(
         with np.errstate(divide="ignore", invalid="ignore"):  # an output of zeros
             statistic = (best.residual / found.residual - 1) * independent
         more = level - extra
-        least = more + _SIGNIFICANT * np.sqrt(2 * more)
+        least = _rare(more) if level > loads else more + _SIGNIFICANT * np.sqrt(2 * more)
         needed = statistic > least
         needed &= best.residual - found.residual > _NEGLIGIBLE * energy
         for i in np.flatnonzero(needed & (statistic <= _DECIDED * least)).tolist():
@@ -273,6 +274,12 @@ def black_box(
         best.coefficients, best.information, best.residual,
         levels[-1] if plant.initial and start == "auto" else 0,
     )  # fmt: skip
+
+
+def _rare(freedom: NDArray[np.int64]) -> Array:
+    """What chi-squared exceeds once in 10 000 times (Wilson and Hilferty, 1931)."""
+    share = 2 / (9 * freedom)
+    return np.asarray(freedom * (1 - share + _RARE * np.sqrt(share)) ** 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,12 +19,14 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
 from tuners.features.laguerre import Laguerre
+from tuners.trust.black_box import free_responses
 
 Array = NDArray[np.float64]
 
 _FUNCTIONS, _OF_RESIDUAL, _OF_INPUT = 16, 10, 3  # orders of the models
 _LAGS = 3  # samples by which a log may have the input later than the controller gave it
 _OUTLIERS = 4.0  # standard deviations: steps of the reference are no noise
+_NOTHING = 1e-3  # of the output's standard deviation
 _STEPS = 1e-3  # of the standard deviation: an input that hardly changes but in steps
 
 
@@ -46,7 +48,7 @@ def answers(asked: Array, u: Array, y: Array, Ts: float, functions: Laguerre) ->
     """
     N = y.shape[1]
     basis = replace(functions, order=max(min(_FUNCTIONS, N // 10), 1))
-    known = np.stack([np.ones(N), np.linspace(-1.0, 1.0, N)])
+    known, _ = free_responses(basis, N, Ts)
     found = np.zeros((len(y), _LAGS))
     for i, row in enumerate(y):
         if i == 0 or len(u) > 1:
@@ -55,6 +57,8 @@ def answers(asked: Array, u: Array, y: Array, Ts: float, functions: Laguerre) ->
         own = asked[i % len(asked)]
         new = _new(own - own.mean(), _OF_INPUT)
         residual = _new(row - Q @ (Q.T @ row), _OF_RESIDUAL)
+        if np.sqrt((residual**2).mean()) <= _NOTHING * row.std():
+            continue  # without noise nothing is new but what the functions leave over
         new = new[-len(residual) :]
         found[i] = [_correlation(residual[: len(residual) - j], new[j:]) for j in range(_LAGS)]
     return found

@@ -8,6 +8,7 @@ Array = NDArray[np.float64]
 
 _COLOURED = 3.0  # standard deviations of a band's power that count as colour
 _LOWEST = 2  # bands begin with four frequencies
+_ROUNDING = 1e-9
 _FEW = 2.0  # times the lowest band's power: what its few frequencies may hide at none
 
 
@@ -49,4 +50,4 @@ def along(energy: Array, error: Array, noise: float) -> float:
     spectrum = octaves(power[None], len(energy), np.array([noise]))[0]
     weights = energy.sum(axis=0)
     found = float(spectrum @ weights / weights.sum())
-    return _FEW * found if found > noise else noise
+    return _FEW * found if found > (1 + _ROUNDING) * noise else noise
