@@ -31,7 +31,7 @@ from yawrate_env.compiled import LANES, kernel, over_blocks
 
 Array = NDArray[np.float64]
 
-_SERIAL = 2**18  # multiplications for which OpenBLAS does not yet call its other threads
+_SERIAL, _SERIAL_ROW = 2**18, 9_000  # multiplications that OpenBLAS does not share out yet
 _EPISODES = 16
 _LARGEST_KEPT = 2**18  # numbers: the experiment of an environment, asked about again and again
 
@@ -216,7 +216,7 @@ def products(a: Array, b: Array) -> Array:
     Its threads wait for each other: on a busy machine that took 300 times as long as the
     work.  `over_blocks` shares out whole episodes instead.
     """
-    step = max(_SERIAL // (len(a) * len(b)), 1)
+    step = _columns(len(a), len(b))
     out = np.zeros((len(a), len(b)))
     for k in range(0, a.shape[1], step):
         out += a[:, k : k + step] @ b[:, k : k + step].T
@@ -225,11 +225,17 @@ def products(a: Array, b: Array) -> Array:
 
 def combined(weights: Array, signals: Array) -> Array:
     """``weights @ signals`` of long rows (n, N), in parts as small as those of `products`."""
-    step = max(_SERIAL // max(weights.size, 1), 1)
+    step = _columns(*weights.shape)
     out = np.empty((len(weights), signals.shape[1]))
     for k in range(0, signals.shape[1], step):
         np.matmul(weights, signals[:, k : k + step], out=out[:, k : k + step])
     return out
+
+
+def _columns(rows: int, columns: int) -> int:
+    """How many columns at a time; a single row is shared out sooner than a matrix."""
+    serial = _SERIAL_ROW if min(rows, columns) == 1 else _SERIAL
+    return max(serial // max(rows * columns, 1), 1)
 
 
 @kernel

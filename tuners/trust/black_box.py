@@ -266,7 +266,7 @@ def black_box(
         best = best.where(needed, found)
     removed = extra if plant.linear or start != "auto" else np.zeros_like(extra)
     z = np.where(np.arange(len(Z)) < removed[:, None], best.extra, 0.0)
-    free = z @ Z
+    free = combined(z, Z)
     constant, trend = straight[:, : len(Z)] @ z.T
     return BlackBox(
         functions, u, y - free, Ts, oversampled, removed, free, constant, trend,

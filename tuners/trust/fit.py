@@ -87,11 +87,11 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
             break
         error, slopes = signals(plant, theta, model)
         inverse, _ = drawn_to_prior(slopes, (error**2).mean(axis=1))
-        step = (inverse @ (slopes @ error[..., None]))[..., 0]
+        step = (inverse @ np.einsum("bqn,bn->bq", slopes, error)[..., None])[..., 0]
         step = np.where(model.unknown[:, None] & np.isfinite(step), step, 0.0)
         theta = moved(plant, theta, np.clip(step, -LARGEST_STEP, LARGEST_STEP), *limits)
         settled = np.abs(step).max(axis=1, initial=0.0) <= _SETTLED
-        gained = ((step[:, None] @ slopes)[:, 0] ** 2).sum(axis=1)  # of what noise may do
+        gained = (np.einsum("bq,bqn->bn", step, slopes) ** 2).sum(axis=1)  # of what noise may do
         settled |= gained <= _UNSEEN * (error**2).mean(axis=1)
     error, slopes = signals(plant, theta, model)
     noise = noise_level(error, model.Ts, plant.crossover)
