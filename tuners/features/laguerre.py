@@ -112,26 +112,25 @@ class Laguerre:
 
     def outputs(self, u: Array, weights: Array, Ts: float) -> Array:
         """Outputs (B, m, N) of m models each, weights (B, m, order), for inputs (1 or B, N)."""
-        shared = self.regressors(u, Ts)[0] if len(u) == 1 else None
-        found = np.empty((*weights.shape[:2], u.shape[1]))
-
-        def some(i: int, j: int) -> None:
-            for k in range(i, j):
-                own = self.regressors(u[k : k + 1], Ts)[0] if shared is None else shared
-                found[k] = combined(weights[k], own)
-
-        over_blocks(some, len(weights), LANES)
+        if len(u) == 1:
+            rows = combined(weights.reshape(-1, self.order), self._shared(u, Ts)[0])
+            return rows.reshape(*weights.shape[:2], -1)
+        driven, a = self.driven(u, Ts), self._discrete_pole(Ts)
+        weights = np.ascontiguousarray(weights)
+        found = np.zeros((*weights.shape[:2], u.shape[1]))
+        over_blocks(lambda i, j: _outputs(driven[i:j], weights[i:j], a, found[i:j]),
+                    len(weights), LANES)  # fmt: skip
         return found
 
     def normal_equations(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
         """Both sides, (1 or B, order + E, order + E) and (B, order + E); as for `coefficients`."""
         if len(u) > 1:
             return self._own_inputs(u, y, Ts, extra)
-        kept = _kept if self.order * u.shape[1] <= _LARGEST_KEPT else _of_input
-        phi, gram = kept(self, u.tobytes(), Ts)
+        phi, gram = self._shared(u, Ts)
         if len(extra):
+            across = products(phi, extra)
+            gram = np.block([[gram, across], [across.T, products(extra, extra)]])
             phi = np.concatenate([phi, extra])
-            gram = products(phi, phi)
         return gram[None], _right_sides(phi, y)
 
     def loads(self, N: int) -> Array:
@@ -141,14 +140,24 @@ class Laguerre:
     def regressors(self, u: Array, Ts: float) -> Array:
         """Filtered inputs, (E, order, N)."""
         out = np.zeros((len(u), self.order, u.shape[1]))
-        for row, filtered in zip(u, out, strict=True):
-            _filter(np.ascontiguousarray(row), self._discrete_pole(Ts), filtered)
+        for row, filtered in zip(self.driven(u, Ts), out, strict=True):
+            _filter(row, self._discrete_pole(Ts), filtered)
         return out
+
+    def driven(self, u: Array, Ts: float) -> Array:
+        """What the functions filter: inputs (E, N) themselves."""
+        return np.ascontiguousarray(u)
+
+    def _shared(self, u: Array, Ts: float) -> tuple[Array, Array]:
+        """Regressors (order, N) of one input (1, N) and their Gram matrix (order, order)."""
+        kept = _kept if self.order * u.shape[1] <= _LARGEST_KEPT else _of_input
+        return kept(self, u.tobytes(), Ts)
 
     def _own_inputs(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
         """`normal_equations` of episodes with an input each."""
         n, a = self.order, self._discrete_pole(Ts)
         run, rows = _pass(n, len(extra)), 3 * n + 4 + len(extra) * (n + 1)
+        u = self.driven(u, Ts)
         sums = np.empty((len(y), rows))
 
         def one_block(i: int, j: int) -> None:
@@ -246,6 +255,28 @@ def _filter(u: NDArray[np.float64], a: float, out: NDArray[np.float64]) -> None:
         out[0, k] = a * out[0, k - 1] + gain * u[k - 1]
         for i in range(1, len(out)):
             out[i, k] = a * out[i, k - 1] + out[i - 1, k - 1] - a * out[i - 1, k]
+
+
+@kernel
+def _outputs(
+    u: NDArray[np.float64], weights: NDArray[np.float64], a: float, out: NDArray[np.float64]
+) -> None:
+    """Fill (B, m, N), of which the first column is zero, from inputs (B, N), weights (B, m, n)."""
+    gain, state = np.sqrt(1.0 - a * a), np.empty(weights.shape[2])
+    for b in range(len(weights)):
+        state[:] = 0.0
+        for k in range(1, u.shape[1]):
+            held = state[0]
+            state[0] = a * held + gain * u[b, k - 1]
+            for i in range(1, len(state)):
+                before = state[i]
+                state[i] = a * before + held - a * state[i - 1]
+                held = before
+            for j in range(weights.shape[1]):
+                total = 0.0
+                for i in range(len(state)):
+                    total += weights[b, j, i] * state[i]
+                out[b, j, k] = total
 
 
 @cache
