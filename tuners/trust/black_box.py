@@ -102,9 +102,13 @@ class BlackBox:
 
     def part(self, i: int) -> "BlackBox":
         """Recording `i` alone."""
+        return self.some(np.array([i]))
+
+    def some(self, rows: NDArray[np.intp]) -> "BlackBox":
+        """Some of the recordings."""
         batch = {f.name: getattr(self, f.name) for f in fields(self)}
-        rows = {k: v if len(v) == 1 else v[[i]] for k, v in batch.items() if np.ndim(v)}
-        return replace(self, **rows)
+        of = {k: v if len(v) == 1 else v[rows] for k, v in batch.items() if np.ndim(v)}
+        return replace(self, **of)
 
     def projected(self, signals: Array) -> Array:
         """Signals (B, m, N) without what offset, trend and free response could explain."""

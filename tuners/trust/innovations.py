@@ -15,8 +15,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 from tuners.features.laguerre import Laguerre, combined, lifted, products
 
@@ -75,8 +73,9 @@ def _new(x: Array, order: int) -> Array:
     if not r[0] > 0:
         return np.zeros(len(x) - order)
     r[0] *= 1 + 1e-8
-    weights = np.concatenate([[1.0], -solve_toeplitz(r[:order], r[1:])])
-    new = np.asarray(lfilter(weights, [1.0], x)[order:])
+    lags = np.arange(order)
+    weights = np.linalg.solve(r[np.abs(lags[:, None] - lags)], r[1:])
+    new = np.convolve(x, np.concatenate([[1.0], -weights]), "valid")
     size = float(np.median(np.abs(new))) / 0.6745
     if size > _STEPS * new.std():
         new = np.clip(new, -_OUTLIERS * size, _OUTLIERS * size)
