@@ -35,9 +35,6 @@ class Integrated(Laguerre):
         begin = N / _WINDOWS * np.arange(1, _WINDOWS)
         return np.asarray(np.maximum(np.arange(N) - begin[:, None], 0.0) / N)
 
-    def regressors(self, u: Array, Ts: float) -> Array:
-        """Filtered integrals of inputs, (E, order, N)."""
-        return Laguerre.regressors(self, Ts * np.cumsum(u, axis=1), Ts)
-
-    def _own_inputs(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
-        return Laguerre._own_inputs(self, Ts * np.cumsum(u, axis=1), y, Ts, extra)
+    def driven(self, u: Array, Ts: float) -> Array:
+        """What the functions filter: integrals (E, N) of inputs."""
+        return np.asarray(Ts * np.cumsum(u, axis=1))

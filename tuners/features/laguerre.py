@@ -31,7 +31,7 @@ from yawrate_env.compiled import LANES, kernel, over_blocks
 
 Array = NDArray[np.float64]
 
-_SERIAL = 2**18  # multiplications for which OpenBLAS does not yet call its other threads
+_SERIAL, _SERIAL_ROW = 2**18, 9_000  # multiplications that OpenBLAS does not share out yet
 _EPISODES = 16
 _LARGEST_KEPT = 2**18  # numbers: the experiment of an environment, asked about again and again
 
@@ -112,26 +112,25 @@ class Laguerre:
 
     def outputs(self, u: Array, weights: Array, Ts: float) -> Array:
         """Outputs (B, m, N) of m models each, weights (B, m, order), for inputs (1 or B, N)."""
-        shared = self.regressors(u, Ts)[0] if len(u) == 1 else None
-        found = np.empty((*weights.shape[:2], u.shape[1]))
-
-        def some(i: int, j: int) -> None:
-            for k in range(i, j):
-                own = self.regressors(u[k : k + 1], Ts)[0] if shared is None else shared
-                found[k] = combined(weights[k], own)
-
-        over_blocks(some, len(weights), LANES)
+        if len(u) == 1:
+            rows = combined(weights.reshape(-1, self.order), self._shared(u, Ts)[0])
+            return rows.reshape(*weights.shape[:2], -1)
+        driven, a = self.driven(u, Ts), self._discrete_pole(Ts)
+        weights = np.ascontiguousarray(weights)
+        found = np.zeros((*weights.shape[:2], u.shape[1]))
+        over_blocks(lambda i, j: _outputs(driven[i:j], weights[i:j], a, found[i:j]),
+                    len(weights), LANES)  # fmt: skip
         return found
 
     def normal_equations(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
         """Both sides, (1 or B, order + E, order + E) and (B, order + E); as for `coefficients`."""
         if len(u) > 1:
             return self._own_inputs(u, y, Ts, extra)
-        kept = _kept if self.order * u.shape[1] <= _LARGEST_KEPT else _of_input
-        phi, gram = kept(self, u.tobytes(), Ts)
+        phi, gram = self._shared(u, Ts)
         if len(extra):
+            across = products(phi, extra)
+            gram = np.block([[gram, across], [across.T, products(extra, extra)]])
             phi = np.concatenate([phi, extra])
-            gram = products(phi, phi)
         return gram[None], _right_sides(phi, y)
 
     def loads(self, N: int) -> Array:
@@ -141,14 +140,24 @@ class Laguerre:
     def regressors(self, u: Array, Ts: float) -> Array:
         """Filtered inputs, (E, order, N)."""
         out = np.zeros((len(u), self.order, u.shape[1]))
-        for row, filtered in zip(u, out, strict=True):
-            _filter(np.ascontiguousarray(row), self._discrete_pole(Ts), filtered)
+        for row, filtered in zip(self.driven(u, Ts), out, strict=True):
+            _filter(row, self._discrete_pole(Ts), filtered)
         return out
+
+    def driven(self, u: Array, Ts: float) -> Array:
+        """What the functions filter: inputs (E, N) themselves."""
+        return np.ascontiguousarray(u)
+
+    def _shared(self, u: Array, Ts: float) -> tuple[Array, Array]:
+        """Regressors (order, N) of one input (1, N) and their Gram matrix (order, order)."""
+        kept = _kept if self.order * u.shape[1] <= _LARGEST_KEPT else _of_input
+        return kept(self, u.tobytes(), Ts)
 
     def _own_inputs(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
         """`normal_equations` of episodes with an input each."""
         n, a = self.order, self._discrete_pole(Ts)
         run, rows = _pass(n, len(extra)), 3 * n + 4 + len(extra) * (n + 1)
+        u = self.driven(u, Ts)
         sums = np.empty((len(y), rows))
 
         def one_block(i: int, j: int) -> None:
@@ -216,7 +225,7 @@ def products(a: Array, b: Array) -> Array:
     Its threads wait for each other: on a busy machine that took 300 times as long as the
     work.  `over_blocks` shares out whole episodes instead.
     """
-    step = max(_SERIAL // (len(a) * len(b)), 1)
+    step = _columns(len(a), len(b))
     out = np.zeros((len(a), len(b)))
     for k in range(0, a.shape[1], step):
         out += a[:, k : k + step] @ b[:, k : k + step].T
@@ -225,11 +234,17 @@ def products(a: Array, b: Array) -> Array:
 
 def combined(weights: Array, signals: Array) -> Array:
     """``weights @ signals`` of long rows (n, N), in parts as small as those of `products`."""
-    step = max(_SERIAL // max(weights.size, 1), 1)
+    step = _columns(*weights.shape)
     out = np.empty((len(weights), signals.shape[1]))
     for k in range(0, signals.shape[1], step):
         np.matmul(weights, signals[:, k : k + step], out=out[:, k : k + step])
     return out
+
+
+def _columns(rows: int, columns: int) -> int:
+    """How many columns at a time; a single row is shared out sooner than a matrix."""
+    serial = _SERIAL_ROW if min(rows, columns) == 1 else _SERIAL
+    return max(serial // max(rows * columns, 1), 1)
 
 
 @kernel
@@ -240,6 +255,28 @@ def _filter(u: NDArray[np.float64], a: float, out: NDArray[np.float64]) -> None:
         out[0, k] = a * out[0, k - 1] + gain * u[k - 1]
         for i in range(1, len(out)):
             out[i, k] = a * out[i, k - 1] + out[i - 1, k - 1] - a * out[i - 1, k]
+
+
+@kernel
+def _outputs(
+    u: NDArray[np.float64], weights: NDArray[np.float64], a: float, out: NDArray[np.float64]
+) -> None:
+    """Fill (B, m, N), of which the first column is zero, from inputs (B, N), weights (B, m, n)."""
+    gain, state = np.sqrt(1.0 - a * a), np.empty(weights.shape[2])
+    for b in range(len(weights)):
+        state[:] = 0.0
+        for k in range(1, u.shape[1]):
+            held = state[0]
+            state[0] = a * held + gain * u[b, k - 1]
+            for i in range(1, len(state)):
+                before = state[i]
+                state[i] = a * before + held - a * state[i - 1]
+                held = before
+            for j in range(weights.shape[1]):
+                total = 0.0
+                for i in range(len(state)):
+                    total += weights[b, j, i] * state[i]
+                out[b, j, k] = total
 
 
 @cache

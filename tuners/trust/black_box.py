@@ -44,6 +44,7 @@ _SIGNIFICANT = 4.0  # standard deviations of the statistic under rest
 _SHARES = (4, 2, 1)  # of the functions: an n-th of the decays is tried first
 _DECIDED = 1000.0  # times what is significant in white noise: no colour explains it
 _LARGEST_KEPT = 20_000  # samples: 3 MB
+_TOGETHER = 16  # recordings
 _NEGLIGIBLE = 3e-6  # of the output's energy: the functions themselves may leave out as much
 
 
@@ -102,24 +103,35 @@ class BlackBox:
 
     def part(self, i: int) -> "BlackBox":
         """Recording `i` alone."""
+        return self.some(np.array([i]))
+
+    def some(self, rows: NDArray[np.intp]) -> "BlackBox":
+        """Some of the recordings."""
         batch = {f.name: getattr(self, f.name) for f in fields(self)}
-        rows = {k: v if len(v) == 1 else v[[i]] for k, v in batch.items() if np.ndim(v)}
-        return replace(self, **rows)
+        of = {k: v if len(v) == 1 else v[rows] for k, v in batch.items() if np.ndim(v)}
+        return replace(self, **of)
 
     def projected(self, signals: Array) -> Array:
         """Signals (B, m, N) without what offset, trend and free response could explain."""
         if not self.unknown.any():
             return signals
         left = signals.copy()
-        for i in np.flatnonzero(self.unknown).tolist():
-            left[i] = self.projected_like(i, signals[i])
+        for count in np.unique(self.extra[self.unknown]).tolist():
+            of = np.flatnonzero(self.extra == count)
+            for rows in np.split(of, range(_TOGETHER, len(of), _TOGETHER)):
+                some = self._without(count, signals[rows].reshape(-1, signals.shape[2]))
+                left[rows] = some.reshape(-1, *signals.shape[1:])
         return left
 
     def projected_like(self, i: int, signals: Array) -> Array:
         """Signals (m, N) without what offset, trend and free response of recording `i` could."""
+        return self._without(int(self.extra[i]), signals)
+
+    def _without(self, count: int, signals: Array) -> Array:
+        """Signals (m, N) without their projection on the first of the free responses."""
         Z, _ = free_responses(self.functions, signals.shape[1], self.Ts)
-        some = Z[: self.extra[i]]
-        return signals - combined(products(signals, some), some) if len(some) else signals
+        some = Z[:count]
+        return signals - combined(products(signals, some), some) if count else signals
 
 
 def basis(plant: Plant) -> type[Laguerre]:
@@ -256,18 +268,21 @@ def black_box(
         least = _rare(more) if level > loads else more + _SIGNIFICANT * np.sqrt(2 * more)
         needed = statistic > least
         needed &= best.residual - found.residual > _NEGLIGIBLE * energy
-        for i in np.flatnonzero(needed & (statistic <= _DECIDED * least)).tolist():
+        doubted = needed & (statistic <= _DECIDED * least)
+        for before in np.unique(extra[doubted]).tolist():
+            rows = np.flatnonzero(doubted & (extra == before))
             spectra = energies(Z) if spectra is None else spectra
-            c, z = found.coefficients[[i], None], found.extra[i, :level]
-            explained = functions.outputs(u[[i % len(u)]], c, Ts)[0, 0] + z @ Z[:level]
-            white = float(found.residual[i] / independent)
-            noise = along(spectra[extra[i] : level], y[i] - explained, white)
-            needed[i] = statistic[i] * white > least[i] * noise
+            own = u if len(u) == 1 else u[rows]
+            explained = functions.outputs(own, found.coefficients[rows, None], Ts)[:, 0]
+            explained += combined(found.extra[rows, :level], Z[:level])
+            white = found.residual[rows] / independent
+            noise = along(spectra[before:level], y[rows] - explained, white)
+            needed[rows] = statistic[rows] * white > least[rows] * noise
         extra = np.where(needed, level, extra)
         best = best.where(needed, found)
     removed = extra if plant.linear or start != "auto" else np.zeros_like(extra)
     z = np.where(np.arange(len(Z)) < removed[:, None], best.extra, 0.0)
-    free = z @ Z
+    free = combined(z, Z)
     constant, trend = straight[:, : len(Z)] @ z.T
     return BlackBox(
         functions, u, y - free, Ts, oversampled, removed, free, constant, trend,
@@ -322,6 +337,8 @@ def _level(of: _Equations, energy: Array, level: int) -> _Level:
 
 
 def _solve(matrix: Array, right: Array) -> Array:
+    if len(matrix) == 1:
+        return np.asarray(np.linalg.solve(matrix[0], right.T).T)
     return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])
 
 

@@ -14,20 +14,21 @@ from the response: the term's effect is the difference between no amplitude and 
 All signals are averaged over samples that follow each other closely.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
 
 from tuners.features.laguerre import combined, lifted, products
 from tuners.trust.black_box import BlackBox, free_responses
+from tuners.trust.fast_length import fast_length
 from tuners.trust.noise_spectrum import spectra_of
-from yawrate_env.compiled import LANES, over_blocks
 
 Array = NDArray[np.float64]
 
 _TERMS = 4
+_TOGETHER = 16  # recordings
 _SAMPLES = 60  # a period of the crossover: as many tell all that bends
 _ROUNDING = 1e-6  # of a term's energy: two levels of a signal, where nothing tells
 
@@ -68,36 +69,37 @@ class Curvature:
         """
         size = max(int(1 / (_SAMPLES * crossover * model.Ts)), 1)
         slow = replace(model, Ts=size * model.Ts, oversampled=max(model.oversampled / size, 1.0))
-        shared = _functions(model, 0, size) if len(model.u) == 1 else None
         y, left = averaged(output, size), averaged(error, size)
         (B, N), n = left.shape, model.functions.order
         shifts, sizes = np.zeros((B, _TERMS, 2)), np.zeros((B, _TERMS))
-        length = next_fast_len(N, real=True)
-
-        def some(first: int, last: int) -> None:
-            for i in range(first, last):
-                linear = _functions(model, i, size) if shared is None else shared
-                if model.extra[i]:
-                    Z, _ = free_responses(model.functions, error.shape[1], model.Ts)
-                    linear = np.concatenate([linear, averaged(Z[: model.extra[i]], size)])
-                terms = np.stack([averaged(_of_input(model, i), size), *_of_output(slow, i, y[i])])
-                signals = np.vstack([left[i], terms])
-                gram = lifted(products(linear, linear))
-                by = np.asarray(np.linalg.solve(gram, products(linear, signals)), np.float64)
-                left_over = signals - combined(by.T, linear)
-                rest, bent = left_over[0], left_over[1:]
-                energy = (bent**2).sum(axis=1)
-                tells = energy > _ROUNDING * (terms**2).sum(axis=1)
-                share = np.where(tells, bent @ rest, 0.0) / np.where(tells, energy, 1.0)
-                E, X = np.split(np.fft.rfft(np.vstack([rest, bent]), length), [1])
+        length, terms = fast_length(N), np.empty((B, _TERMS, N))
+        terms[:, 1:] = _of_output(slow, y)
+        for own in range(len(model.u)):
+            of = np.arange(own, B, len(model.u))
+            phi, cubed = _functions(model, own, size)
+            terms[of, 0] = combined(model.coefficients[of], cubed)
+            for rows, free in _alike(model, of, error.shape[1], size):
+                linear = np.concatenate([phi, free])
+                signals = np.concatenate([left[rows, None], terms[rows]], axis=1)
+                seen = products(linear, signals.reshape(-1, N))
+                by = np.asarray(np.linalg.solve(lifted(products(linear, linear)), seen), np.float64)
+                rest = signals - combined(by.T, linear).reshape(signals.shape)
+                rest, bent = rest[:, 0], rest[:, 1:]
+                energy = (bent**2).sum(axis=2)
+                tells = energy > _ROUNDING * (terms[rows] ** 2).sum(axis=2)
+                along = np.einsum("bmn,bn->bm", bent, rest)
+                share = np.where(tells, along, 0.0) / np.where(tells, energy, 1.0)
+                E, X = np.fft.rfft(rest, length)[:, None], np.fft.rfft(bent, length)
+                power = np.abs(E - share[..., None] * X) ** 2 / N
                 spectra, _ = spectra_of(
-                    slow, np.abs(E - share[:, None] * X) ** 2 / N, length, crossover
+                    slow, power.reshape(len(rows) * _TERMS, -1), length, crossover
                 )
-                deviation = np.sqrt(2 / length * (np.abs(X) ** 2 * spectra).sum(axis=1))
-                shifts[i] = -share[:, None] * (slopes[i] @ by[:n, 1:]).T
-                sizes[i] = np.abs(share) * energy / np.where(deviation > 0, deviation, np.inf)
-
-        over_blocks(some, B, LANES)
+                noisy = (np.abs(X) ** 2 * spectra.reshape(X.shape)).sum(axis=2)
+                deviation = np.sqrt(2 / length * noisy)
+                shifts[rows] = -share[..., None] * np.einsum(
+                    "bin,nbm->bmi", slopes[rows], by[:n].reshape(n, len(rows), -1)[..., 1:]
+                )
+                sizes[rows] = np.abs(share) * energy / np.where(deviation > 0, deviation, np.inf)
         return cls(shifts, sizes)
 
 
@@ -107,28 +109,38 @@ def averaged(signals: Array, size: int) -> Array:
     return np.asarray(signals[..., : N * size].reshape(*signals.shape[:-1], N, size).mean(axis=-1))
 
 
-def _functions(model: BlackBox, i: int, size: int) -> Array:
-    """The model's regressors (n, N) of one recording, averaged."""
-    u = model.u[[i % len(model.u)]]
-    return averaged(model.functions.regressors(u, model.Ts)[0], size)
+def _alike(
+    model: BlackBox, of: NDArray[np.intp], N: int, size: int
+) -> Iterator[tuple[NDArray[np.intp], Array]]:
+    """Some recordings at a time with as many free responses, and these, averaged."""
+    for count in np.unique(model.extra[of]).tolist():
+        free = np.empty((0, N // size))
+        if count:
+            free = averaged(free_responses(model.functions, N, model.Ts)[0][:count], size)
+        same = of[model.extra[of] == count]
+        for rows in np.split(same, range(_TOGETHER, len(same), _TOGETHER)):
+            yield rows, free
 
 
-def _of_input(model: BlackBox, i: int) -> Array:
-    """What the model makes of the input's cube, (N,); nothing new of an input of two levels."""
-    return _answer(model, i, _scaled(model.u[i % len(model.u)]) ** 3)
+def _functions(model: BlackBox, i: int, size: int) -> tuple[Array, Array]:
+    """The model's regressors (n, N) of one input, and of its cube, averaged.
+
+    The cube is nothing new of an input of two levels.
+    """
+    u = model.u[i]
+    phi = model.functions.regressors(np.stack([u, _scaled(u) ** 3]), model.Ts)
+    return averaged(phi[0], size), averaged(phi[1], size)
 
 
-def _of_output(model: BlackBox, i: int, output: Array) -> tuple[Array, ...]:
-    """The output's cube; the same, and its square times its rate, fed back; (N,) each."""
+def _of_output(model: BlackBox, output: Array) -> Array:
+    """Cubes of outputs (B, N); the same, and squares times rates, fed back; (B, 3, N)."""
     y = _scaled(output)
-    return y**3, _answer(model, i, y**3), _answer(model, i, y * y * _scaled(np.gradient(y)))
-
-
-def _answer(model: BlackBox, i: int, signal: Array) -> Array:
-    functions = model.functions.regressors(signal[None], model.Ts)[0]
-    return np.asarray(combined(model.coefficients[i][None], functions)[0])
+    cube, lag = y**3, y * y * _scaled(np.gradient(y, axis=1))
+    fed, weights = np.concatenate([cube, lag]), np.tile(model.coefficients, (2, 1))
+    back = model.functions.outputs(fed, weights[:, None], model.Ts)[:, 0]
+    return np.stack([cube, *np.split(back, 2)], axis=1)
 
 
 def _scaled(signal: Array) -> Array:
-    size = np.sqrt((signal**2).mean())
-    return np.asarray(signal / size) if size > 0 else signal
+    size = np.sqrt((signal**2).mean(axis=-1, keepdims=True))
+    return np.asarray(signal / np.where(size > 0, size, 1.0))

@@ -19,7 +19,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import BlackBox, black_box, free_responses
@@ -139,6 +138,8 @@ def rebuilt(u: Array, y: Array, Ts: float, gains: tuple[float, float], target: T
     target : Target
         Its sampling time and form.
     """
+    from scipy.signal import lfilter
+
     step = round(target.Ts / Ts)
     if step < 1 or abs(step * Ts - target.Ts) > _ROUNDED * target.Ts:
         raise ValueError(

@@ -80,19 +80,21 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
         Where the search starts, with the measured parameters of the recordings.
     """
     found = search(plant, model.u, model.y, start)
-    theta, limits = found.theta, plant.limits
-    settled = ~model.unknown
+    theta, limits = found.theta.copy(), plant.limits
+    settled, rows = ~model.unknown, np.flatnonzero(model.unknown)
+    moving = model.some(rows)
     for _ in range(_POLISHING):
         if settled.all():
             break
-        error, slopes = signals(plant, theta, model)
+        error, slopes = signals(plant, theta[rows], moving)
         inverse, _ = drawn_to_prior(slopes, (error**2).mean(axis=1))
-        step = (inverse @ (slopes @ error[..., None]))[..., 0]
-        step = np.where(model.unknown[:, None] & np.isfinite(step), step, 0.0)
-        theta = moved(plant, theta, np.clip(step, -LARGEST_STEP, LARGEST_STEP), *limits)
-        settled = np.abs(step).max(axis=1, initial=0.0) <= _SETTLED
-        gained = ((step[:, None] @ slopes)[:, 0] ** 2).sum(axis=1)  # of what noise may do
-        settled |= gained <= _UNSEEN * (error**2).mean(axis=1)
+        step = (inverse @ np.einsum("bqn,bn->bq", slopes, error)[..., None])[..., 0]
+        step = np.where(np.isfinite(step), step, 0.0)
+        within = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+        theta[rows] = moved(plant, theta[rows], within, *limits)
+        gained = (np.einsum("bq,bqn->bn", step, slopes) ** 2).sum(axis=1)  # of what noise may do
+        settled[rows] = np.abs(step).max(axis=1, initial=0.0) <= _SETTLED
+        settled[rows] |= gained <= _UNSEEN * (error**2).mean(axis=1)
     error, slopes = signals(plant, theta, model)
     noise = noise_level(error, model.Ts, plant.crossover)
     if plant.crossover is None:  # interpolation reduces the noise of most frequencies

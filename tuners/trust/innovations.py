@@ -15,15 +15,14 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
-from tuners.features.laguerre import Laguerre
+from tuners.features.laguerre import Laguerre, combined, lifted, products
 from tuners.trust.black_box import free_responses
 
 Array = NDArray[np.float64]
 
 _FUNCTIONS, _OF_RESIDUAL, _OF_INPUT = 16, 10, 3  # orders of the models
+_REFINEMENTS = 2  # a second projection removes what rounding has left of the first
 _LAGS = 3  # samples by which a log may have the input later than the controller gave it
 _OUTLIERS = 4.0  # standard deviations: steps of the reference are no noise
 _NOTHING = 1e-3  # of the output's standard deviation
@@ -50,18 +49,26 @@ def answers(asked: Array, u: Array, y: Array, Ts: float, functions: Laguerre) ->
     basis = replace(functions, order=max(min(_FUNCTIONS, N // 10), 1))
     known, _ = free_responses(basis, N, Ts)
     found = np.zeros((len(y), _LAGS))
-    for i, row in enumerate(y):
-        if i == 0 or len(u) > 1:
-            phi = basis.regressors(u[i : i + 1], Ts)[0]
-            Q, _ = np.linalg.qr(np.concatenate([phi, known]).T)
-        own = asked[i % len(asked)]
-        new = _new(own - own.mean(), _OF_INPUT)
-        residual = _new(row - Q @ (Q.T @ row), _OF_RESIDUAL)
-        if np.sqrt((residual**2).mean()) <= _NOTHING * row.std():
-            continue  # without noise nothing is new but what the functions leave over
-        new = new[-len(residual) :]
-        found[i] = [_correlation(residual[: len(residual) - j], new[j:]) for j in range(_LAGS)]
+    whitened = [_new(own - own.mean(), _OF_INPUT) for own in asked]
+    for k in range(len(u)):
+        phi = np.concatenate([basis.regressors(u[[k]], Ts)[0], known])
+        rows = np.arange(k, len(y), len(u))
+        for i, left in zip(rows.tolist(), _unexplained(y[rows], phi), strict=True):
+            residual = _new(left, _OF_RESIDUAL)
+            if np.sqrt((residual**2).mean()) <= _NOTHING * y[i].std():
+                continue  # without noise nothing is new but what the functions leave over
+            new = whitened[i % len(asked)][-len(residual) :]
+            found[i] = [_correlation(residual[: len(residual) - j], new[j:]) for j in range(_LAGS)]
     return found
+
+
+def _unexplained(signals: Array, by: Array) -> Array:
+    """Signals (B, N) without their projection on others (m, N)."""
+    gram, left = lifted(products(by, by)), signals
+    for _ in range(_REFINEMENTS):
+        share = np.asarray(np.linalg.solve(gram, products(by, left)), np.float64)
+        left = left - combined(share.T, by)
+    return left
 
 
 def _new(x: Array, order: int) -> Array:
@@ -70,8 +77,9 @@ def _new(x: Array, order: int) -> Array:
     if not r[0] > 0:
         return np.zeros(len(x) - order)
     r[0] *= 1 + 1e-8
-    weights = np.concatenate([[1.0], -solve_toeplitz(r[:order], r[1:])])
-    new = np.asarray(lfilter(weights, [1.0], x)[order:])
+    lags = np.arange(order)
+    weights = np.linalg.solve(r[np.abs(lags[:, None] - lags)], r[1:])
+    new = np.convolve(x, np.concatenate([[1.0], -weights]), "valid")
     size = float(np.median(np.abs(new))) / 0.6745
     if size > _STEPS * new.std():
         new = np.clip(new, -_OUTLIERS * size, _OUTLIERS * size)

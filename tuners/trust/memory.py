@@ -15,6 +15,7 @@ from tuners.trust.black_box import BlackBox, decays
 
 Array = NDArray[np.float64]
 
+_ROUNDED = 1e-12  # of the output
 _STRONGER = 2.0  # than in the recording: what the input may have been before it
 
 
@@ -35,7 +36,7 @@ def lingering(model: BlackBox, coefficients: Array) -> Array:
         left = np.abs(coefficients[i] @ functions)[::-1].cumsum()[::-1]
         most = _STRONGER * np.abs(model.u[i % len(model.u)]).max() * left
         start = model.free[i] - model.offset[i] - model.trend[i] * line
-        beyond = np.maximum(np.abs(start) - most, 0.0)
         size = np.sqrt((model.y[i] ** 2).mean())
+        beyond = np.maximum(np.abs(start) - most - _ROUNDED * size, 0.0)
         found[i] = np.sqrt((beyond**2).mean()) / size if size > 0 else 0.0
     return found

@@ -13,6 +13,7 @@ from tuners.features.laguerre import combined, lifted, products
 from tuners.trust.black_box import BlackBox, free_responses
 from tuners.trust.fast_length import fast_length
 from tuners.trust.likely_prior import most_likely
+from tuners.trust.octaves import summed
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -20,6 +21,7 @@ Complex = NDArray[np.complex128]
 _BANDS = 2.0 ** np.arange(-4, 4)  # edges, of the crossover: where the noise's power may differ
 _COLOURED = 3.0  # standard deviations of a band's power that count as colour
 _WEIGHINGS = 3
+_TOGETHER = 16  # recordings, whose transforms the cache holds
 _NEAR = 0.25, 2.0  # of the crossover: frequencies that decide the response there
 _FEW = 14.0  # degrees of freedom left there
 _STRONG = 3.0  # times all frequencies' noise: colour that matters there
@@ -31,13 +33,19 @@ def sandwich(
     """Covariance (B, 2, 2) of noise times signals (B, 2, N), noise spectra, and any colour (B,)."""
     N = error.shape[1]
     length, signals = fast_length(N), model.projected(filtered)
-    transformed = np.fft.rfft(np.concatenate([error[:, None], signals], axis=1), length)
-    E, X = transformed[:, 0], transformed[:, 1:]
-    spectra, coloured = spectra_of(model, (E * E.conj()).real / N, length, crossover)
-    X = X * np.sqrt(_sides(X.shape[2]) / length)
-    noisy = X * np.sqrt(spectra)[:, None]
-    noisy = np.concatenate([noisy.real, noisy.imag], axis=2)
-    noisy = np.einsum("bif,bjf->bij", noisy, noisy)  # no threads of BLAS
+    F = length // 2 + 1
+    noisy, spectra = np.empty((len(error), 2, 2)), np.empty((len(error), F))
+    coloured, scale = np.empty(len(error), np.bool_), _sides(F) / length
+    for k in range(0, len(error), _TOGETHER):
+        rows = slice(k, k + _TOGETHER)
+        E = np.fft.rfft(error[rows], length)
+        X = np.fft.rfft(signals[rows], length)
+        spectra[rows], coloured[rows] = spectra_of(
+            model, (E.real**2 + E.imag**2) / N, length, crossover
+        )
+        X = np.concatenate([X.real, X.imag], axis=2)
+        weights = np.tile(spectra[rows] * scale, 2)
+        noisy[rows] = np.einsum("bif,bf,bjf->bij", X, weights, X)  # no threads of BLAS
     return noisy, spectra, coloured
 
 
@@ -96,7 +104,7 @@ def spectra_of(
     count = np.bincount(band, minlength=len(_BANDS) + 1)
     fitted = max(count[:-1].sum(), 1)
     taken = np.where(np.arange(len(count)) < len(_BANDS), 1 - min(n / 2 / fitted, 0.5), 1.0)
-    sums = np.stack([power[:, band == b].sum(axis=1) for b in range(len(count))], axis=1)
+    sums = summed(power, band, len(count))
     left = len(frequency) - min(n / 2, len(frequency) / 2)
     overall = sums.sum(axis=1, keepdims=True) / left * model.oversampled
     with np.errstate(divide="ignore", invalid="ignore"):

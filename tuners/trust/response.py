@@ -93,7 +93,7 @@ class Response:
         """Response of black boxes at the target's crossover, regularised."""
         found, omega = _from_white(model), _frequencies(target)
         seen = _functions_seen(model.functions, model.Ts, target)
-        at, values = seen[:, -1], seen[:, :-1]
+        at = seen[:, -1]
         J = response_slopes(found.coefficients, at)
         weights = np.concatenate([model.coefficients[:, None], J @ found.estimator], axis=1)
         signals = model.functions.outputs(model.u, weights, model.Ts)
@@ -107,10 +107,10 @@ class Response:
             found.coefficients[i], covariance[i] = weighted(
                 model, i, spectra[i], at, target.crossover
             )
-        values, here = found.coefficients @ values, found.coefficients @ at
+        values, here = np.split(np.einsum("bn,nf->bf", found.coefficients, seen), [-1], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            phase = _phase_at(omega, values, here, target.omega_c)
-            log_magnitude = -np.log(np.abs(here))
+            phase = _phase_at(omega, values, here[:, 0], target.omega_c)
+            log_magnitude = -np.log(np.abs(here[:, 0]))
         needed = np.radians(target.phase_margin) - np.pi - phase
         required = np.stack([log_magnitude, needed], axis=1)
         noise = (error**2).mean(axis=1)

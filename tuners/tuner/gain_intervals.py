@@ -32,9 +32,17 @@ def gain_intervals(
 
 
 def exact_gain_intervals(
-    plant: Plant, gains: Array, found: Assessment, i: int, factor: float = GAUSSIAN
+    plant: Plant,
+    gains: Array,
+    found: Assessment,
+    i: int,
+    factor: float = GAUSSIAN,
+    slopes: Array | None = None,
 ) -> dict[str, Interval]:
-    """The same if the plant's data are exact but for the parameters that are estimated."""
+    """The same if the plant's data are exact but for the parameters that are estimated.
+
+    `slopes` are the `design_slopes` at all recordings' parameters, where these are known.
+    """
     fit = found.fit
     covariance = fit.covariance[i]
     if fit.discrepancy is not None:
@@ -42,12 +50,21 @@ def exact_gain_intervals(
     theta = fit.theta[[i]]
     if not (np.isfinite(theta).all() and np.isfinite(covariance).all()):
         return _around(plant, gains, np.full((len(gains), len(gains)), np.nan), factor)
-    try:
-        J = central(plant, theta, plant.oracle, _OF_RANGE)[0]
-    except ValueError:  # a plant's own design rule may refuse a neighbour
-        J = np.full((len(gains), len(plant.unknown)), np.nan)
+    J = (design_slopes(plant, theta) if slopes is None else slopes[[i]])[0]
     with np.errstate(all="ignore"):
         return _around(plant, gains, J @ covariance @ J.T, factor)
+
+
+def design_slopes(plant: Plant, theta: Array) -> Array:
+    """Derivatives (B, k, q) of the design rule's gains to the unknown parameters in widths."""
+    found = np.full((len(theta), len(plant.gains), len(plant.unknown)), np.nan)
+    known = np.flatnonzero(np.isfinite(theta).all(axis=1))
+    try:
+        found[known] = central(plant, theta[known], plant.oracle, _OF_RANGE)
+    except ValueError:  # a plant's own design rule may refuse a neighbour
+        if len(known) > 1:
+            found[known] = np.concatenate([design_slopes(plant, theta[[i]]) for i in known])
+    return found
 
 
 def _around(plant: Plant, gains: Array, covariance: Array, factor: float) -> dict[str, Interval]:

@@ -20,7 +20,7 @@ from tuners.trust.intervals import GAUSSIAN, Interval
 from tuners.trust.response import Response
 from tuners.trust.verdict import Finding, worst
 from tuners.tuner import notes, tuner_file
-from tuners.tuner.gain_intervals import exact_gain_intervals, gain_intervals
+from tuners.tuner.gain_intervals import design_slopes, exact_gain_intervals, gain_intervals
 from tuners.tuner.ladder import Climb, climb, left
 from tuners.tuner.look import Look
 from tuners.tuner.method import Gains, Method, Rung
@@ -157,7 +157,10 @@ class Tuner:
         climbed, assessment = self.climb(recording, start)
         assessment = self.sampled(recording, assessment)
         given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
-        return tuple(self._result(given[i], climbed, assessment, i) for i in range(len(given)))
+        slopes = design_slopes(self.plant, assessment.fit.theta)
+        return tuple(
+            self._result(part, climbed, assessment, i, slopes) for i, part in enumerate(given)
+        )
 
     def pool(
         self,
@@ -219,14 +222,16 @@ class Tuner:
             assessment = assessment.followed_by({"stretched": asked})
         return assessment
 
-    def _result(self, given: Recording, climbed: Climb, found: Assessment, i: int) -> Result:
+    def _result(
+        self, given: Recording, climbed: Climb, found: Assessment, i: int, slopes: Array
+    ) -> Result:
         rungs = self.rungs
         explained = Rung.FITTED_PLANT in rungs and not looped(found.checks(i))
         why = left(rungs, self.plant, climbed, found, i) if explained else ()
         used = found.model.u[i % len(found.model.u)]
         said = notes.projected(given, used, found.model.Ts)
         said += notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
-        return self.answer(climbed, found, i, why, said, given.y.shape[1] * given.Ts)
+        return self.answer(climbed, found, i, why, said, given.y.shape[1] * given.Ts, slopes)
 
     def answer(
         self,
@@ -236,6 +241,7 @@ class Tuner:
         why: tuple[str, ...],
         said: tuple[str, ...],
         seconds: float,
+        slopes: Array | None = None,
     ) -> Result:
         """The result of recording `i`.
 
@@ -247,6 +253,8 @@ class Tuner:
             Notes on the recording.
         seconds : float
             How long it is.
+        slopes : (B, k, q) float64, optional
+            `design_slopes` at the fitted plants.
         """
         plant, checks, gains = self.plant, found.checks(i), climbed.gains
         verdict = worst([check.verdict for check in checks])
@@ -271,7 +279,9 @@ class Tuner:
             fallback=self._named(self.fallback),
             checks=checks,
             gain_intervals=gain_intervals(plant, gains.values[i], found, i, widest),
-            exact_gain_intervals=exact_gain_intervals(plant, gains.values[i], found, i),
+            exact_gain_intervals=exact_gain_intervals(
+                plant, gains.values[i], found, i, slopes=slopes
+            ),
             fit=FittedPlant.of(plant, found, i, alone),
             open_loop=_open_loop(gains.values[i], found, i) if alone else None,
             response=None if found.response is None else found.response.part(i),
