@@ -14,7 +14,6 @@ from log_files import CASES, read, write
 from tuners.catalogue import shipped
 from tuners.logs import LogError, source
 from tuners.tuner import tuner_file
-from yawrate_env import compiled
 from yawrate_env.vehicle.vehicle_file import example as paper
 
 VEHICLE = CASES["vehicle"]
@@ -184,7 +183,7 @@ def test_a_damaged_cache_is_rebuilt(tmp_path, monkeypatch):
         assert done.stderr == ""
         return done.stdout.split()
 
-    assert compiled.RebuiltCache is not None and [run(), run()] == [["42.0", "0"], ["42.0", "1"]]
+    assert [run(), run()] == [["42.0", "0"], ["42.0", "1"]]
     for kind in ("nbi", "nbc"):
         for path in tmp_path.rglob(f"*.{kind}"):
             path.write_bytes(path.read_bytes()[:40])
