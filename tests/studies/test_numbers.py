@@ -12,7 +12,9 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 STANDING = {
     "README.md": 16,
-    "accuracy.md": 22,
+    "accuracy.md": 19,
+    "agents.md": 11,
+    "app.md": 1,
     "cli.md": 31,
     "datasets.md": 17,
     "deviations.md": 23,
@@ -22,6 +24,8 @@ STANDING = {
     "method.md": 14,
     "nonlinear.md": 19,
     "plants.md": 234,
+    "recalibration.md": 13,
+    "recalibration_environment.md": 41,
     "trust.md": 108,
     "tuners.md": 4,
 }
