@@ -25,7 +25,6 @@ exclude_patterns = ["build", "_templates"]
 templates_path = ["_templates"]
 html_theme = "furo"
 html_title = f"yawrate {version}"
-html_static_path = ["_static"]
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 autosummary_generate = True
@@ -49,22 +48,34 @@ def setup(app):
 def relinked(app, document, text):
     """Point links to pages of results at the site's own; leave other files' names as text."""
     up = "../" * document.count("/")
+    text[0] = re.sub(r"\[([^\]]+)\]\([\w.]+\.(?:json|csv)\)", r"`\1`", text[0])
+    text[0] = re.sub(r"results/README\.md", "results/index.md", text[0])
     text[0] = re.sub(r"\]\((?:\.\./)?results/([\w.]+\.md)", rf"]({up}results/\1", text[0])
     text[0] = re.sub(r"\]\((?:\.\./)?docs/([\w.]+\.md)", rf"]({up}\1", text[0])
     text[0] = re.sub(r"(?<!!)\[([^\]]+)\]\((?:\.\./)+(?!results|figures)[^)]*\)", r"\1", text[0])
 
 
 def plain_bars(app, what, name, object, options, lines):
-    """Show Markdown tables of docstrings as they are; a bar is nothing special elsewhere."""
-    found, inside = [], False
+    """Show Markdown tables and what is set off as they are; a bar is nothing special elsewhere."""
+    found, inside, literal, last = [], False, None, ""
     for line in lines:
-        row = line.lstrip().startswith("|") and line.rstrip().endswith("|")
         indent = line[: len(line) - len(line.lstrip())]
+        begins = (
+            line.strip() and found and not found[-1].strip() and not last.startswith((":", ".."))
+        )
+        if literal is None and begins and len(indent) >= 4 and not last.startswith(" "):
+            found += ["::", ""]  # what is set off is a formula or a file
+            literal = 0
+        if literal is not None and line.strip() and len(indent) <= literal:
+            literal = None
+        row = literal is None and line.lstrip().startswith("|") and line.rstrip().endswith("|")
         if row and not inside:
             found += [f"{indent}::", ""]
         if inside and not row:
             found.append("")
-        literal = line.startswith("    ") or "``" in line
-        found.append(f"   {line}" if row else line if literal else line.replace("|", "\\|"))
-        inside = row
+        code = literal is not None or "``" in line
+        found.append(f"   {line}" if row else line if code else line.replace("|", "\\|"))
+        inside, last = row, line if line.strip() else last
+        if literal is None and line.rstrip().endswith("::"):
+            literal = len(indent)
     lines[:] = found

@@ -1,12 +1,12 @@
 r"""Plants of process control: lags and integrators behind a dead time, with a PI by SIMC.
 
-===============  ==================================  =========================
-plant            G(s)                                unknown
-===============  ==================================  =========================
-``fopdt``        K e^{-L s} / (T s + 1)              K, T, L
-``sopdt``        K e^{-L s} / ((T1 s + 1)(T2 s + 1)) K, T1, T2, L
-``integrator``   K e^{-L s} / s                      K, L
-===============  ==================================  =========================
+===============  ====================================  =========================
+plant            G(s)                                  unknown
+===============  ====================================  =========================
+``fopdt``        K e^{-L s} / (T s + 1)                K, T, L
+``sopdt``        K e^{-L s} / ((T1 s + 1)(T2 s + 1))   K, T1, T2, L
+``integrator``   K e^{-L s} / s                        K, L
+===============  ====================================  =========================
 
 The dead time may be unknown and need not be whole samples; the input is held between samples.
 The margins are those of the sampled loop, whose controller runs at the experiment's sampling
