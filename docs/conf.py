@@ -49,7 +49,7 @@ def relinked(app, document, text):
     """Point links to pages of results at the site's own; leave other files' names as text."""
     up = "../" * document.count("/")
     text[0] = re.sub(r"\[([^\]]+)\]\([\w.]+\.(?:json|csv)\)", r"`\1`", text[0])
-    text[0] = re.sub(r"results/README\.md", "results/index.md", text[0])
+    text[0] = re.sub(r"(\]\([^)]*results/)README\.md", r"\1index.md", text[0])
     text[0] = re.sub(r"\]\((?:\.\./)?results/([\w.]+\.md)", rf"]({up}results/\1", text[0])
     text[0] = re.sub(r"\]\((?:\.\./)?docs/([\w.]+\.md)", rf"]({up}\1", text[0])
     text[0] = re.sub(r"(?<!!)\[([^\]]+)\]\((?:\.\./)+(?!results|figures)[^)]*\)", r"\1", text[0])
