@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tuners.logs import Log, MissingParameterError, Options, log_of, read_table
+from tuners.logs import Log, MissingParameterError, Options, Table, log_of, read_table
 from tuners.tuner.recording import Recording
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -51,15 +51,19 @@ def _inside(folder: Path) -> list[Path]:
 
 
 def read_each(paths: Sequence[Path], plant: Plant, options: Options) -> list[Log]:
-    """Several logs of one plant, each named in its errors.
+    """Several logs of one plant."""
+    return logs_of([read_table(path, options.dbc) for path in paths], plant, options)
+
+
+def logs_of(tables: Sequence[Table], plant: Plant, options: Options) -> list[Log]:
+    """The same of logs that were read.
 
     A measured parameter that the user gave as a number is that of logs without a column of it.
     """
-    return [_read(path, plant, options) for path in paths]
+    return [_log_of(table, plant, options) for table in tables]
 
 
-def _read(path: Path, plant: Plant, options: Options) -> Log:
-    table = read_table(path, options.dbc)
+def _log_of(table: Table, plant: Plant, options: Options) -> Log:
     columns_first = replace(options, values={}) if plant.measured_names else options
     try:
         return log_of(table, plant, columns_first)

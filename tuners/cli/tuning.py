@@ -4,15 +4,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
 import click
 
-from tuners.cli.log_files import read_each, recordings, wanted
+from tuners.cli.log_files import logs_of, recordings, wanted
 from tuners.cli.sources import load_tuner
 from tuners.logs import Log, MissingParameterError, Options, Table, log_of, read_table
 from tuners.trust.black_box import STARTS
 from tuners.tuner.result import Result
 from tuners.tuner.tuner import Tuner
+from yawrate_env.plant.plant import Plant
+
+T = TypeVar("T")
 
 DEFAULT = "ts-ff-lag-vx"
 WITHOUT = "bb"
@@ -47,30 +51,32 @@ def tuner_for(
     table: Table, options: Options, name: str | None, load: Callable[[str], Tuner] = load_tuner
 ) -> tuple[str, Tuner, Log]:
     """The same for a log that was read."""
-    chosen = name or DEFAULT
-    trained = load(chosen)
-    try:
-        return chosen, trained, log_of(table, trained.plant, options)
-    except MissingParameterError:
-        if name is not None:
-            raise
-    trained = load(WITHOUT)
-    return WITHOUT, trained, log_of(table, trained.plant, options)
+    return _sufficient(name, load, lambda plant: log_of(table, plant, options))
 
 
 def several_logs(
     paths: Sequence[Path], options: Options, name: str | None
 ) -> tuple[str, Tuner, list[Log]]:
     """The tuner's name, the tuner, and all logs; by default one for which all of them suffice."""
+    load = cache(load_tuner)
+    load(name or DEFAULT)
+    tables = [read_table(path, options.dbc) for path in paths]
+    return _sufficient(name, load, lambda plant: logs_of(tables, plant, options))
+
+
+def _sufficient(
+    name: str | None, load: Callable[[str], Tuner], read: Callable[[Plant], T]
+) -> tuple[str, Tuner, T]:
+    """A tuner and what is read for its plant; by default the one that the logs suffice for."""
     chosen = name or DEFAULT
-    trained = load_tuner(chosen)
+    trained = load(chosen)
     try:
-        return chosen, trained, read_each(paths, trained.plant, options)
+        return chosen, trained, read(trained.plant)
     except MissingParameterError:
         if name is not None:
             raise
-    trained = load_tuner(WITHOUT)
-    return WITHOUT, trained, read_each(paths, trained.plant, options)
+    trained = load(WITHOUT)
+    return WITHOUT, trained, read(trained.plant)
 
 
 def pooled(

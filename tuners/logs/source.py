@@ -21,6 +21,7 @@ LARGEST = 1 << 30
 PATIENCE = 10.0
 """How long a pipe may be silent [s]."""
 
+_AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # as the system has them
 _CHUNK = 1 << 20
 _OFFICE = ("[Content_Types].xml", "mimetype")  # spreadsheets are zip files too
 
@@ -47,7 +48,7 @@ def unpacked(content: bytes) -> bytes:
 def _whole(path: Path) -> bytes:
     try:
         # A pipe without a writer would block when it is opened.
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        handle = os.open(path, os.O_RDONLY | _AT_ONCE)
     except OSError as error:
         raise LogError(f"{error.strerror}.") from None
     with os.fdopen(handle, "rb", buffering=0) as file:

@@ -230,21 +230,6 @@ class PIRecalibrationVectorEnv(TuningVectorEnv):
         self._coming: Window | None = None
         self._left = np.zeros(self.num_envs, np.int64)
 
-    def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Reset all, or those in ``options["reset_mask"]``."""
-        given = copied(options)
-        mask = self._reset_mask(given.pop("reset_mask", None))
-        pins = self.drives.pins(given, self.num_envs)
-        self._seed(seed, mask)
-        self._renew(mask, pins)
-        assert self._obs is not None
-        return self._obs.copy(), {}
-
     def step(self, actions: Array) -> tuple[Observation, Array, Flags, Flags, dict[str, Any]]:
         """Drive one window in every sub-environment; those that end begin their next drive."""
         if self._course is None or self._coming is None:
