@@ -9,12 +9,12 @@ from first_order import SIGMA, TS, U, linear, plant
 from vehicle_logs import VEHICLE, black, drive, learned
 
 import tuners
-from tuners.trust.agreement import Estimates, against_others
 from tuners.trust.black_box import black_box, functions_for
 from tuners.trust.fit import fit
-from tuners.trust.joint import joint_fit
-from tuners.trust.pooled_response import Coordinates, mean, pooled, shifted
 from tuners.tuner.method import Rung
+from tuners.tuner.pooling.agreement import Estimates, against_others
+from tuners.tuner.pooling.coordinates import Coordinates, mean, pooled, shifted
+from tuners.tuner.pooling.joint import joint_fit
 from tuners.tuner.recording import Recording
 from yawrate_env.signals.excitation import prbs
 from yawrate_env.vehicle.task import Task

@@ -10,8 +10,8 @@ import numpy as np
 from tuners.cli.text import RUNGS, forms_of, gain_units
 from tuners.export.gains import plant_settings
 from tuners.logs import Log
+from tuners.tuner.pooling.share import Share
 from tuners.tuner.result import Result
-from tuners.tuner.shares import Share
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 

@@ -18,7 +18,7 @@ from tuners.trust.proposal import (
     propose,
     room,
 )
-from tuners.tuner.tuner import LONGEST
+from tuners.tuner.sampling import LONGEST
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 

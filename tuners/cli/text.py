@@ -11,8 +11,8 @@ from tuners.logs import Log
 from tuners.trust.intervals import Interval
 from tuners.trust.verdict import Check, Verdict
 from tuners.tuner.method import Rung
+from tuners.tuner.pooling.share import Share, Validation
 from tuners.tuner.result import Result
-from tuners.tuner.shares import Share, Validation
 from yawrate_env.plant.names import split, valued
 from yawrate_env.plant.plant import Plant
 

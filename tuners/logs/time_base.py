@@ -13,7 +13,7 @@ import numpy as np
 from tuners.logs import stamps
 from tuners.logs.stamps import Line
 from tuners.logs.table import Array, LogError
-from tuners.tuner.tuner import slowest
+from tuners.tuner.sampling import slowest
 from yawrate_env.plant.plant import Plant
 
 EVEN = 0.02

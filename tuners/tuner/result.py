@@ -12,7 +12,7 @@ from tuners.trust.intervals import Interval
 from tuners.trust.response import Response
 from tuners.trust.verdict import Check, Verdict, worst
 from tuners.tuner.method import Rung
-from tuners.tuner.shares import Share, Validation
+from tuners.tuner.pooling.share import Share, Validation
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant

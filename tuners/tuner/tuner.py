@@ -24,11 +24,12 @@ from tuners.tuner.gain_intervals import design_slopes, exact_gain_intervals, gai
 from tuners.tuner.ladder import Climb, climb, left
 from tuners.tuner.look import Look
 from tuners.tuner.method import Gains, Method, Rung
-from tuners.tuner.pools import pools
+from tuners.tuner.pooling.results import pools
 from tuners.tuner.reasons import looped, reasons
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import FittedPlant, Result
 from tuners.tuner.rivals import BlackBoxRule, Fitted
+from tuners.tuner.sampling import check_sampling, sampled
 from yawrate_env import validation
 from yawrate_env.loop.design import Status
 from yawrate_env.loop.target import Target
@@ -38,24 +39,7 @@ from yawrate_env.plant.responses import OpenLoop
 
 Array = NDArray[np.float64]
 
-LONGEST = 200_000
-"""Samples of one recording, at most."""
-
-_SLOWEST = 0.1  # sampling time, in periods of the crossover
-_COARSEST = 10.0  # sampling time, in those of the experiment, where there is no crossover
-_MISSED = 0.01  # of the output's standard deviation: what a spline may miss between samples
-_TOO_SLOW = "A spline misses part of the output between these slow samples: record faster."
-_STRETCHED = (
-    "The input is the experiment's, sample by sample, but the sampling time is not its {:g} s: "
-    "check Ts."
-)
 _STILL = 1e-9  # of the experiment's largest input or output: smaller variations are none
-
-
-def slowest(plant: Plant) -> float:
-    """Longest sampling time of a usable recording [s]: the plant's own, or longer."""
-    longest = _COARSEST * plant.Ts if plant.crossover is None else _SLOWEST / plant.crossover
-    return max(longest, plant.Ts)
 
 
 class Tuner:
@@ -155,7 +139,7 @@ class Tuner:
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
         """Results for every episode, each as `tune` gives it."""
         climbed, assessment = self.climb(recording, start)
-        assessment = self.sampled(recording, assessment)
+        assessment = sampled(self.plant, recording, assessment)
         given = [recording.part(slice(i, i + 1)) for i in range(len(recording))]
         slopes = design_slopes(self.plant, assessment.fit.theta)
         return tuple(
@@ -208,19 +192,6 @@ class Tuner:
     ) -> tuple[Result, ...]:
         """Tune from several recordings for several operating points, each as `pool` does."""
         return pools(self, recordings, ats, names, validate, start)
-
-    def sampled(self, recording: Recording, assessment: Assessment) -> Assessment:
-        """The same with checks of how the recording was sampled."""
-        plant = self.plant
-        if recording.Ts > plant.Ts * (1 + notes.ROUNDED):
-            values = _between(recording, assessment)
-            message = plant.messages.get("between", _TOO_SLOW)
-            missed = Finding(values, _MISSED, _MISSED, message)
-            assessment = assessment.followed_by({"between": missed})
-        if notes.stretched(plant, recording):
-            asked = Finding(np.ones(len(recording)), 0.0, 0.0, _STRETCHED.format(plant.Ts))
-            assessment = assessment.followed_by({"stretched": asked})
-        return assessment
 
     def _result(
         self, given: Recording, climbed: Climb, found: Assessment, i: int, slopes: Array
@@ -332,12 +303,7 @@ class Tuner:
         remedy = "Make one with Recording.of(plant, u, y, Ts)."
         validation.instance("recording", recording, Recording, remedy=remedy)
         validation.count("number of episodes", len(recording), remedy="Give one or more.")
-        remedy = "Slower samples do not show what the plant does: record faster."
-        validation.number("Ts", recording.Ts, at_most=slowest(plant), remedy=remedy)
-        samples = recording.y.shape[1] * recording.Ts / plant.Ts
-        remedy = "Cut to the best part, or decimate."
-        validation.number("number of samples at the tuner's Ts", samples, at_most=LONGEST,
-                          remedy=remedy)  # fmt: skip
+        check_sampling(plant, recording)
         alone = method.rungs == (Rung.BLACK_BOX,)
         theta = recording.parameters(plant, needed=not alone)
         if recording.reference is not None and start == "auto":
@@ -485,14 +451,3 @@ def _open_loop(gains: Array, found: Assessment, i: int) -> OpenLoop | None:
     if found.response is None or not np.isfinite(gains).all():
         return None
     return found.response.open_loop(gains, i)
-
-
-def _between(given: Recording, found: Assessment) -> Array:
-    """Relative error of a spline through the fitted plant's output at a slow log's samples."""
-    simulated, Ts = found.fit.simulated, found.model.Ts
-    times, at = Ts * np.arange(simulated.shape[1]), given.Ts * np.arange(given.y.shape[1])
-    seen = np.stack([np.interp(at, times, row) for row in simulated])
-    drawn = replace(given, y=seen).resampled(Ts).y
-    with np.errstate(divide="ignore", invalid="ignore"):
-        missed = np.mean((drawn - simulated[:, : drawn.shape[1]]) ** 2, axis=1)
-        return np.asarray(np.sqrt(missed / simulated.var(axis=1)))

@@ -1,9 +1,8 @@
 """One answer from several recordings of one plant.
 
-The plant is fitted to all of them at once (`tuners.trust.joint`), their black boxes are pooled
-(`tuners.trust.pooled_response`), and the ladder and the checks go on as for one recording.  What
-a check finds in a single recording counts with its worst one.  Every recording is compared with
-the others (`tuners.trust.agreement`).
+One plant is fitted to all of them (`joint`), their black boxes are pooled (`coordinates`), and
+the ladder and the checks go on as for one recording.  What a check finds in a single recording
+counts with its worst one.  Every recording is compared with the others (`agreement`).
 """
 
 from collections.abc import Callable, Sequence
@@ -12,18 +11,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.trust.agreement import Estimates, against_others
 from tuners.trust.black_box import BlackBox
 from tuners.trust.checks import Assessment, assess, metric_slopes
 from tuners.trust.findings import MISS
 from tuners.trust.fit import Fit
-from tuners.trust.joint import Joint, fitted_like, joint_fit
-from tuners.trust.pooled_response import Coordinates, carried, pooled
 from tuners.trust.response import Response
 from tuners.trust.verdict import Finding
 from tuners.tuner.ladder import Climb, climb
 from tuners.tuner.look import Look
 from tuners.tuner.method import Gains, Method, Rung
+from tuners.tuner.pooling.agreement import Estimates, against_others
+from tuners.tuner.pooling.coordinates import Coordinates, carried, pooled
+from tuners.tuner.pooling.joint import Joint, fitted_like, joint_fit
+from tuners.tuner.pooling.pool import DISAGREE, Pool
 from tuners.tuner.recording import Recording
 from yawrate_env.loop.design import Status
 from yawrate_env.plant.names import OF_METRICS, check_name
@@ -31,9 +31,6 @@ from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-DISAGREE = "logs"
-"""Name of the check whether recordings agree."""
 
 FAR = "extrapolated"
 """Name of the check how far from the recordings the gains are wanted."""
@@ -45,49 +42,6 @@ _FAR_OFF = (
     "plant's data. Record there."
 )
 _DIFFER = "The recordings do not show one plant."
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pool:
-    """Gains for B sets of L recordings, and what they rest on.
-
-    Attributes
-    ----------
-    climbed, assessment
-        As for one recording.
-    joint : Joint
-        The plants fitted to all recordings of a set.
-    theta : NDArray
-        (B, p) measured parameters that the gains are for.
-    shares : NDArray
-        (L, B) of the information.
-    chi_square, chance : NDArray
-        (L, B) of each recording against the others.
-    freedom : int
-        Of the chi-squares.
-    apart : NDArray
-        (L, B) which recordings differ by more than chance.
-    shift : NDArray
-        (L, B, f) metrics of the gains with each recording's plant, less those with the others'.
-    """
-
-    climbed: Climb
-    assessment: Assessment
-    joint: Joint
-    theta: Array
-    shares: Array
-    chi_square: Array
-    chance: Array
-    freedom: int
-    apart: Flags
-    shift: Array
-
-    def explained(self, words: Sequence[str]) -> "Pool":
-        """The same with a message on how recordings differ; for one set."""
-        if not words:
-            return self
-        found = replace(self.assessment.findings[DISAGREE], message=" ".join(words))
-        return replace(self, assessment=self.assessment.followed_by({DISAGREE: found}))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 
 from tuners.trust.checks import Assessment
 from tuners.trust.verdict import Finding
-from tuners.tuner import several
 from tuners.tuner.ladder import Climb
 from tuners.tuner.look import Look
 from tuners.tuner.method import Method, Rung
-from tuners.tuner.pooling import DISAGREE, Pool, Pooling
+from tuners.tuner.pooling import remarks
+from tuners.tuner.pooling.pool import DISAGREE, Pool
+from tuners.tuner.pooling.pooling import Pooling
+from tuners.tuner.pooling.validation import validation as validation_of
 from tuners.tuner.recording import Recording
 from tuners.tuner.result import Result
+from tuners.tuner.sampling import sampled
 from yawrate_env import validation
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
@@ -35,9 +38,6 @@ class Answering(Protocol):
 
     def known(self, theta: Array) -> NDArray[np.bool_]:
         """Which measured parameters (B, p) the tuner was made for."""
-
-    def sampled(self, recording: Recording, assessment: Assessment) -> Assessment:
-        """The same with checks of how the recording was sampled."""
 
     def looped(self, recording: Recording) -> dict[str, Finding]:
         """Whether inputs follow outputs, as in a loop that nobody named."""
@@ -76,7 +76,7 @@ def pools(
     points = [operating_point(plant, looks, at) for at in ats]
 
     def recorded(recording: Recording, assessment: Assessment) -> Assessment:
-        return tuner.sampled(recording, assessment).followed_by(tuner.looped(recording))
+        return sampled(tuner.plant, recording, assessment).followed_by(tuner.looped(recording))
 
     pooling = Pooling(plant, tuner.method, recorded)
     joint = pooling.fit(looks)
@@ -88,7 +88,7 @@ def pools(
         else:
             result = _pooled(tuner, pooling, looks, pool)
         for each in further:
-            held = several.validation(pooling, looks, each, pool, result, tuner.calibration)
+            held = validation_of(pooling, looks, each, pool, result, tuner.calibration)
             result = replace(result, validation=held)
         results.append(result)
     return tuple(results)
@@ -97,17 +97,17 @@ def pools(
 def _pooled(tuner: Answering, pooling: Pooling, looks: Sequence[Look], pool: Pool) -> Result:
     """The result of recordings at one operating point."""
     plant, theta = tuner.plant, pool.theta
-    shares = several.shares(plant, looks, pool, pooling.alone)
+    shares = remarks.shares(plant, looks, pool, pooling.alone)
     answering = near(pooling, looks, pool)
     if answering:  # the plant does not answer, but recordings of this operating point do
         pool = pooling.pool(answering, pooling.fit(answering), theta, tuner.known(theta))
     else:
-        pool, answering = pool.explained(several.disagreements(shares)), list(looks)
+        pool, answering = pool.explained(remarks.disagreements(shares)), list(looks)
     seconds = sum(look.given.y.shape[1] * look.given.Ts for look in answering)
-    said = several.notes(plant, answering, pool, shares, tuner.method.any_experiment)
+    said = remarks.notes(plant, answering, pool, shares, tuner.method.any_experiment)
     if len(answering) < len(looks):
         said = (*only(answering), *said)
-    why = several.left(plant, answering, pool)
+    why = remarks.left(plant, answering, pool)
     result = tuner.answer(pool.climbed, pool.assessment, 0, why, said, seconds)
     return replace(result, logs=shares)
 
