@@ -1,14 +1,13 @@
 """The tables of `studies.schedule`, as JSON and as a page."""
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from studies.markdown import general, table
 from studies.schedule import Bin, Price, Schedule
+from tuners.cli.answer import plain
 from yawrate_env.files import write_text
 
 _PAGE = """\
@@ -57,7 +56,7 @@ def write(
         "accuracy": [asdict(b) for b in bins],
         "wrong_speed": [{**asdict(p), "degrees": p.degrees} for p in prices],
     }
-    text = json.dumps(finite(found), indent=1, allow_nan=False)
+    text = json.dumps(plain(found), indent=1, allow_nan=False)
     write_text(folder / "schedule.json", text + "\n")
     write_text(folder / "schedule.md", page(rows, bins, prices, episodes, seed))
 
@@ -126,12 +125,3 @@ def _prices(prices: Sequence[Price]) -> str:
             for p in prices
         ],
     )
-
-
-def finite(value: Any) -> Any:
-    """The same with None for what JSON cannot say."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

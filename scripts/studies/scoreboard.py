@@ -19,6 +19,7 @@ from studies.metrics import bootstrap_interval, rms
 from studies.players import CLIMBER, LADDER, Ladder
 from tuners import NAMES, load
 from tuners.catalogue import UNTRAINED, shipped
+from tuners.cli.answer import plain
 from tuners.tuner.evaluation import Evaluation, Policy, evaluate
 from yawrate_env.vehicle.task import Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
@@ -199,10 +200,6 @@ def to_json(board: Sequence[Row], protocol: EvaluationProtocol) -> str:
         "protocol": asdict(protocol),
         "environment": "yawrate/PITuning-v0",
         "task": Task().settings(),
-        "rows": [asdict(row, dict_factory=_without_nan) for row in board],
+        "rows": plain([asdict(row) for row in board]),
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
-
-
-def _without_nan(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in items}

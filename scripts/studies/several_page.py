@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from studies.markdown import short, table
-from studies.schedule_page import finite
 from studies.several import Called, Gain, Pooled
+from tuners.cli.answer import plain
 from yawrate_env.files import write_text
 
 _PAGE = """\
@@ -55,7 +55,7 @@ def write(
         "validation": [asdict(row) for row in second],
         "disagreement": [asdict(row) for row in third],
     }
-    write_text(folder / "several.json", json.dumps(finite(found), indent=1, allow_nan=False) + "\n")
+    write_text(folder / "several.json", json.dumps(plain(found), indent=1, allow_nan=False) + "\n")
     write_text(folder / "several.md", page(found))
 
 
