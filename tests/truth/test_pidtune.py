@@ -300,3 +300,10 @@ def test_a_dense_state_space_gives_what_its_transfer_function_gives():
         np.testing.assert_allclose([info.Kp, info.Ki], [plain.Kp, plain.Ki], rtol=1e-6)
         free = [pidtune(sys, "PI")[1].CrossoverFrequency for sys in (G, dense)]
         assert free[1] == pytest.approx(free[0], rel=1e-4)
+
+
+@pytest.mark.parametrize("wc, margin", [(0.5, 100.30484646876603), (1.2, 29.416713276795583)])
+def test_a_p_is_asked_for_its_crossover_and_warns_of_no_phase(wc, margin):
+    _, info = pidtune(TRIPLE_LAG, "P", wc=wc)
+    assert info.note == "" and info.PhaseMargin == pytest.approx(margin, abs=1e-6)
+    assert (info.status == Status.OK) == (margin >= 60.0)

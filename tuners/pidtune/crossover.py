@@ -2,7 +2,7 @@
 
 This is our rule, not MATLAB's, whose search is unpublished: the highest frequency, within
 the plant's corners or a decade of them, at which the plant's phase still leaves the margin
-when the controller supplies what its kind supplies best (`tuners.pidtune.law.KINDS`; a PI no
+when the controller supplies what its kind supplies best (`yawrate_env.loop.law.KINDS`; a PI no
 more than half of the lag that the plant leaves it at low frequency).  Where that loop is not
 stable, or misses the target, frequencies a factor of 2, 4, ... below and above are tried.
 """
@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from tuners.pidtune.law import Kind
 from tuners.pidtune.system import System
+from yawrate_env.loop.law import Kind
 
 _POINTS = 500
 _FACTORS = (1, 1 / 2, 2, 1 / 4, 4, 1 / 8, 8, 1 / 16, 16)

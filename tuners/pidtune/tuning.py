@@ -1,6 +1,6 @@
-"""``pidtune``: the design rule of `yawrate_env.loop.design` for any plant and any PID."""
+"""``pidtune``: rule R of `yawrate_env.loop.law` for any plant and any PID."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from tuners.pidtune.closing import Loop
 from tuners.pidtune.crossover import free_crossovers, needed_phase
-from tuners.pidtune.law import FILTER_LAG, KINDS, Kind, law, reach
 from tuners.pidtune.system import System
 from yawrate_env import validation
-from yawrate_env.loop.design import Status, within_reach
+from yawrate_env.loop.law import KINDS, Kind, Law, Status, filter_time, reach, supply
 
 Array = NDArray[np.float64]
 
@@ -37,7 +36,8 @@ class Info:
         ``PHASE_LIMITED``: the crossover does, the margin is less.  ``UNREACHABLE``: no
         controller of this kind, or by our rule for a PID, gives this crossover.
     note : str
-        Why the target is missed; empty if it is met.
+        Why the target is missed; empty if it is met, and where a P or an I, which have a
+        crossover alone to meet, leaves less than the margin.
     crossings : tuple of float
         Every frequency at which the magnitude passes 1 [rad/s].
     Kp, Ki, Kd : float
@@ -124,40 +124,49 @@ def pidtune(
 
 def _tuned(plant: System, kind: Kind, wc: float, pm: float, Tf: float | None) -> tuple[Any, Info]:
     v = float(plant.warped(np.asarray(wc)))
-    Tf = _filter_time(plant, kind, v, Tf)
+    Tf = filter_time(kind, v, plant.Ts, Tf)
     G = complex(plant(np.asarray(wc)))
     if not (np.isfinite(G) and G):
         return None, _nothing("The plant's response at wc is zero or infinite: move wc.")
-    needed = float(needed_phase(plant, wc, pm))
-    low, high = reach(kind, v, Tf)
-    if kind.zeros:
-        statuses, phases = within_reach(np.array([needed]), low, high)
-        status, phase = Status(statuses[0]), float(phases[0])
-    else:
-        enough = high - np.pi + np.radians(pm) < needed <= high + _ROUNDING
-        status, phase = (Status.OK if enough else Status.PHASE_LIMITED), high
+    needed = np.atleast_1d(needed_phase(plant, wc, pm))
+    magnitude = np.array([-np.log(abs(G))])
+    found, (status,) = supply(kind, magnitude, needed, v, Tf, np.pi - np.radians(pm))
     if status == Status.UNREACHABLE:
+        low, high = np.degrees(reach(kind, v, Tf))
         return None, _nothing(
-            f"At wc the controller must turn the phase by {np.degrees(needed):.4g} deg; this kind "
-            f"supplies {np.degrees(low):.4g} to {np.degrees(high):.4g} deg. Raise wc or pm, or "
-            "choose a kind with less lead."
+            f"At wc the controller must turn the phase by {np.degrees(needed[0]):.4g} deg; this "
+            f"kind supplies {low:.4g} to {high:.4g} deg. Raise wc or pm, or choose a kind with "
+            "less lead."
         )
-    found = law(kind, -np.log(abs(G)), phase, v, Tf)
-    found = replace(found, rho=plant.sign * found.rho)
-    C = found.transfer_function(plant.Ts)
-    return C, _info(Loop(plant, C), found.gains(), found.Tf, status, wc)
+    C = _transfer_function(found, plant.sign, plant.Ts)
+    Kp, Ki, Kd = (float(plant.sign * gain[0]) for gain in found.gains())
+    return C, _info(Loop(plant, C), kind, (Kp, Ki, Kd), found.Tf, Status(status), wc)
 
 
-def _filter_time(plant: System, kind: Kind, v: float, Tf: float | None) -> float:
-    if not kind.derives:
-        return 0.0
-    if kind.filtered:
-        return float(max(np.tan(FILTER_LAG) / v if Tf is None else Tf, plant.Ts / 2))
-    return plant.Ts / 2
+def _transfer_function(found: Law, sign: float, Ts: float) -> Any:
+    """As a ``control.TransferFunction``, by Tustin's formula where `Ts` [s] is not 0."""
+    import control
+
+    kind, T, Tf = found.kind, float(found.T[0]), found.Tf
+    n, m, f = kind.zeros, kind.integrators, int(kind.derives and Tf > 0)
+    rho = sign * float(found.k[0]) / (T if n and m else 1.0)
+    if not Ts:
+        num = _power([T, 1.0], n)
+        lag = np.polymul(_power([1.0, 0.0], m), _power([Tf, 1.0], f))
+        return control.tf(rho * num, lag)
+    a = 2 / Ts  # 1 + T s becomes (1 + a T) z + (1 - a T), over z + 1
+    zero, pole = ([1 + a * t, 1 - a * t] for t in (T, Tf))
+    top = np.polymul(_power(zero, n), _power([1.0, 1.0], m + f - n))
+    bottom = np.polymul(_power([a, -a], m), _power(pole, f))
+    return control.tf(rho * top, bottom, Ts)
+
+
+def _power(polynomial: list[float], exponent: int) -> Array:
+    return np.asarray((np.poly1d(polynomial) ** exponent).coeffs, dtype=float)
 
 
 def _info(
-    loop: Loop, gains: tuple[float, float, float], Tf: float, status: Status, wc: float
+    loop: Loop, kind: Kind, gains: tuple[float, float, float], Tf: float, status: Status, wc: float
 ) -> Info:
     Kp, Ki, Kd = gains
     crossings = loop.crossings(wc)
@@ -170,7 +179,7 @@ def _info(
             f"The loop passes magnitude 1 again above wc = {wc:.6g} rad/s, "
             + (f"last at {last:.6g} rad/s." if np.isfinite(last) else "and stays there.")
         )
-    elif status == Status.PHASE_LIMITED:
+    elif status == Status.PHASE_LIMITED and kind.zeros:  # a P or I is asked for no phase
         notes.append("This kind cannot supply the phase at wc: margin is given up. Lower wc.")
     if not stable:
         notes.append("The closed loop is not stable.")

@@ -18,7 +18,7 @@ from yawrate_env.loop.discretisation import DiscretePlant, ObserverForm, polynom
 def observer_form(plant: DiscretePlant, centre: float | None = None) -> ObserverForm:
     """`ObserverForm.of`, in this way where the output is the last state and no other sees it."""
     A, n = plant.A, plant.A.shape[1]
-    if n < 2 or plant.C[-1] != 1 or plant.C[:-1].any() or A[:, :-1, -1].any():
+    if plant.C.ndim > 1 or n < 2 or plant.C[-1] != 1 or plant.C[:-1].any() or A[:, :-1, -1].any():
         return ObserverForm.of(plant, centre)
     c = np.trace(A[:, :-1, :-1], axis1=1, axis2=2) / (n - 1)
     if centre is not None:

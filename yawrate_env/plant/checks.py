@@ -213,6 +213,7 @@ _OPTIONAL = (
     "record",
     "action_bounds",
     "loop",
+    "speeds",
     "actuator",
     "remarks",
     "suspects",
@@ -238,6 +239,7 @@ _SETTINGS: dict[str, Check] = {
     "batched": validation.flag,
     "input": partial(validation.one_of, choices=HOLDS),
     "plausible": partial(_pair, example="(1.0, 20.0)", first=_largest, second=_largest),
+    "controller": partial(validation.instance, kind=str, remedy="Give its name."),
     "signals": partial(
         _pair, example='("voltage [V]", "speed [rad/s]")', first=validation.text,
         second=validation.text,

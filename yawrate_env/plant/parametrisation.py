@@ -1,7 +1,8 @@
 """The numbers that learners predict and agents choose instead of the gains themselves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +31,16 @@ class Parametrisation:
         omitted.
     target : Target, optional
         The loop whose controller the coordinates describe (`loop`).
+    columns : tuple of (str, float)
+        Kind and scale of each coordinate (`of_gains`); one stands for all, and none for functions
+        that exist in Python only.
     """
 
     encode: Callable[[Array], Array]
     decode: Callable[[Array], Array]
     names: Callable[[Names], Names] | None = None
     target: Target | None = None
+    columns: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         validation.function("parametrisation.encode", self.encode)
@@ -72,16 +77,72 @@ def _same_names(gains: Names) -> Names:
     return gains
 
 
-LOG = Parametrisation(_log, _exp, _log_names)
+LOG = Parametrisation(_log, _exp, _log_names, columns=(("log", 1.0),))
 """Logarithms: relative errors count; for positive gains."""
 
 
-GAINS = Parametrisation(np.asarray, _positive, _same_names)
+GAINS = Parametrisation(np.asarray, _positive, _same_names, columns=(("gain", 1.0),))
 """The gains themselves: absolute errors count; for positive gains.
 
 The paper predicts these.  Its Ti runs from 0.07 s to beyond 2 s, so that the squared error is
 dominated by the few plants with a long Ti, for which Ti hardly matters.
 """
+
+
+def of_gains(kinds: Sequence[str], scales: Sequence[float] = ()) -> Parametrisation:
+    """Coordinates of each gain by its own kind.
+
+    Parameters
+    ----------
+    kinds : sequence of {"log", "linear", "signed"}
+        The logarithm of a positive gain; a gain itself; or ``asinh(gain/scale)``, which is linear
+        for gains below the scale and logarithmic beyond, for gains of either sign.
+    scales : sequence of float, optional
+        Of signed gains; 1 by default.
+    """
+    for kind in kinds:
+        validation.one_of("kind", kind, COLUMNS)
+    given = tuple(scales) or (1.0,) * len(kinds)
+    if len(given) != len(kinds):
+        raise ValueError(f"scales = {scales!r} must be one for each of {len(kinds)} gains.")
+    checked = (validation.number("scale", scale, above=0.0) for scale in given)
+    of = _Columns(tuple(zip(kinds, checked, strict=True)))
+    return Parametrisation(of.encode, of.decode, of.names, columns=of.columns)
+
+
+def signed(*scales: float) -> Parametrisation:
+    """Gains of either sign, as of a state feedback: ``asinh(gain/scale)`` each."""
+    return of_gains(("signed",) * len(scales), scales)
+
+
+COLUMNS = "log", "linear", "signed"
+_NAMES = {"log": "log_{}", "linear": "{}", "signed": "asinh_{}"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    columns: tuple[tuple[str, float], ...]
+
+    def encode(self, gains: Array) -> Array:
+        by_kind: dict[str, Any] = {"log": _log, "linear": np.asarray, "signed": np.arcsinh}
+        return np.stack(
+            [by_kind[kind](gains[:, i] / s) for i, (kind, s) in enumerate(self.columns)], axis=1
+        )
+
+    def decode(self, values: Array) -> Array:
+        by_kind: dict[str, Any] = {"log": np.exp, "linear": np.asarray, "signed": np.sinh}
+        with np.errstate(over="ignore"):  # far from all that was learned
+            gains = np.stack(
+                [s * by_kind[kind](values[:, i]) for i, (kind, s) in enumerate(self.columns)],
+                axis=1,
+            )
+        logs = np.array([kind == "log" for kind, _ in self.columns])
+        usable = np.isfinite(gains) & ((gains > 0) | ~logs)
+        return np.where(usable.all(axis=1, keepdims=True), gains, np.nan)
+
+    def names(self, gains: Names) -> Names:
+        pairs = zip(self.columns, gains, strict=True)
+        return tuple(_NAMES[kind].format(name) for (kind, _), name in pairs)
 
 
 def loop(target: Target) -> Parametrisation:

@@ -59,6 +59,9 @@ class Plant(Parameters):
         and whether they reach it (B,) bool.
     gains : tuple of str
         Names of the gains.
+    controller : str
+        Name of the controller that the gains are of, of `yawrate_env.loop.controllers`, where it
+        is one of these: programs and forms of it can then be written.
     u : array
         (N,) input of the experiment.
     Ts : float
@@ -171,6 +174,9 @@ class Plant(Parameters):
     loop : callable, optional
         ``loop(theta, gains)``, of one plant: parameters (p,) and gains (k,) to the `ClosedLoop`
         that reports draw.
+    speeds : callable, optional
+        ``speeds(theta)``, of one plant: parameters (p,) to the gains (k,) of slower and faster
+        loops, by the names of the speeds.
     display : tuple, optional
         Names of input and output in reports with their units, and factors from the units of
         `signals` to these: ``(("steering [deg]", 57.3), ("yaw rate [deg/s]", 57.3))``; by
@@ -228,6 +234,8 @@ class Plant(Parameters):
     search_limits: Mapping[str, Range] = field(default_factory=dict)
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
+    speeds: Callable[[Array], Mapping[str, Array]] | None = None
+    controller: str = ""
     display: tuple[tuple[str, float], tuple[str, float]] | None = None
     command_limits: Range | None = None
     black_box: tuple[int, float] | None = None

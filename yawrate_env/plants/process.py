@@ -1,4 +1,4 @@
-r"""Plants of process control: lags and integrators behind a dead time, with a PI by SIMC.
+r"""Plants of process control: lags and integrators behind a dead time, in a control loop.
 
 ===============  ====================================  =========================
 plant            G(s)                                  unknown
@@ -13,8 +13,8 @@ The margins are those of the sampled loop, whose controller runs at the experime
 time.  A number in place of a range is a parameter that is known.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -23,24 +23,20 @@ from numpy.typing import NDArray
 from yawrate_env import validation
 from yawrate_env.loop.dead_time import zoh_late
 from yawrate_env.loop.discretisation import DiscretePlant
-from yawrate_env.loop.simc import half_rule, simc
+from yawrate_env.loop.process_rules import Process
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.control_loop import MARGINS, ControlLoop
 from yawrate_env.plant.distributions import plain, spread
 from yawrate_env.plant.metric import Metric
-from yawrate_env.plant.pi_loop import GAINS, PILoop
 from yawrate_env.plant.plant import Plant
-from yawrate_env.plant.responses import ClosedLoop
+from yawrate_env.plant.rules import LOOP_SHAPING
 from yawrate_env.signals.excitation import prbs
 
 Array = NDArray[np.float64]
 Matrices = Callable[[Array], tuple[Array, Array, Array]]
-Design = Callable[[Array], Array]
 
-METRICS = {
-    "phase_margin [deg]": Metric(10.0),
-    "gain_margin [dB]": Metric(4.0),  # 10 % of the gain needs no care, 20 % is no miss
-    "crossover [Hz]": Metric(np.inf),
-}
+METRICS = ("phase_margin [deg]", "gain_margin [dB]", "crossover [Hz]")
+"""Of which the crossover is reported and does not count."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,12 +83,67 @@ class Experiment:
 Given = Experiment | Mapping[str, Any]
 
 
+@dataclass(frozen=True, slots=True)
+class Control:
+    """The loop that is wanted.
+
+    Attributes
+    ----------
+    controller, rule : str
+        By their names in `yawrate_env.loop.controllers` and `yawrate_env.plant.rules`.
+    tau_c : float, optional
+        Wanted time constant of the closed loop, for SIMC and lambda [s]; each plant's dead time if
+        omitted.
+    target : Target or dict, optional
+        What loop shaping aims at: ``{"phase_margin": 60, "crossover": 0.01}`` [deg, Hz].
+    Ms : float
+        Largest sensitivity, for the rule ``ms``.
+    N : float
+        Derivative time over filter time.
+    metrics : tuple of str, or dict
+        What is evaluated, of `yawrate_env.loop.metrics`; a dict gives the errors that count as one.
+    """
+
+    controller: str = "PI"
+    rule: str = "simc"
+    tau_c: float | None = None
+    target: Mapping[str, Any] | None = None
+    Ms: float = 1.4
+    N: float = 10.0
+    metrics: Sequence[str] | Mapping[str, float] = ()
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Settings that are not the usual ones, as plain JSON values."""
+        given = ((each.name, getattr(self, each.name), each.default) for each in fields(self))
+        changed = {name: value for name, value, usual in given if value != usual}
+        if not isinstance(self.metrics, Mapping) and "metrics" in changed:
+            changed["metrics"] = list(self.metrics)
+        return changed
+
+    def aimed(self, Ts: float) -> Target:
+        """The target, at the controller's sampling time."""
+        if self.target is not None:
+            return Target(**{"Ts": Ts, **self.target})
+        if self.rule == LOOP_SHAPING:
+            raise ValueError(
+                "target is missing: rule 'loop-shaping' needs "
+                "target = {phase_margin = 60, crossover = 0.01} [deg, Hz]."
+            )
+        return Target(crossover=0.1 / Ts, Ts=Ts)
+
+    @property
+    def counted(self) -> tuple[str, ...]:
+        """Names of the metrics."""
+        return tuple(self.metrics) or (MARGINS if self.rule == LOOP_SHAPING else METRICS)
+
+
 def fopdt(
     K: Any = (0.5, 2.0),
     T: Any = (10.0, 40.0),
     L: Any = (3.0, 20.0),
-    tau_c: float | None = None,
     experiment: Given = Experiment(),
+    **control: Any,
 ) -> Plant:
     """First order plus dead time, ``K e^{-L s}/(T s + 1)``.
 
@@ -102,17 +153,13 @@ def fopdt(
         Steady gain, output over input.
     T, L : number, pair or prior
         Lag and dead time [s].
-    tau_c : float, optional
-        Wanted time constant of the closed loop [s]; each plant's dead time if omitted.
     experiment : Experiment or dict
         Of which recordings are made.
+    control
+        Attributes of `Control`: ``controller="PID", rule="amigo"``.
     """
-
-    def design(theta: Array, hold: float) -> Array:
-        gain, lag, late = theta.T
-        return simc(gain, lag, late + hold, tau_c)
-
-    return _process("fopdt", {"K": K, "T": T, "L": L}, _lag, design, tau_c, experiment)
+    prior = {"K": K, "T": T, "L": L}
+    return _process("fopdt", prior, _lag, experiment, Control(**control))
 
 
 def sopdt(
@@ -120,66 +167,70 @@ def sopdt(
     T1: Any = (10.0, 40.0),
     T2: Any = (2.0, 10.0),
     L: Any = (3.0, 15.0),
-    tau_c: float | None = None,
     experiment: Given = Experiment(),
+    **control: Any,
 ) -> Plant:
     """Second order plus dead time, ``K e^{-L s}/((T1 s + 1)(T2 s + 1))``; the rest as `fopdt`."""
-
-    def design(theta: Array, hold: float) -> Array:
-        gain, one, other, late = theta.T
-        return simc(gain, *half_rule(one, other, late + hold), tau_c)
-
     prior = {"K": K, "T1": T1, "T2": T2, "L": L}
-    return _process("sopdt", prior, _two_lags, design, tau_c, experiment)
+    return _process("sopdt", prior, _two_lags, experiment, Control(**control))
 
 
 def integrator(
     K: Any = (0.02, 0.1),
     L: Any = (2.0, 10.0),
-    tau_c: float | None = None,
     experiment: Given = Experiment(),
+    **control: Any,
 ) -> Plant:
     """Integrator plus dead time, ``K e^{-L s}/s``, K in output over input and second [1/s]."""
-
-    def design(theta: Array, hold: float) -> Array:
-        gain, late = theta.T
-        return simc(gain, np.full_like(gain, np.inf), late + hold, tau_c)
-
-    return _process("integrator", {"K": K, "L": L}, _integrator, design, tau_c, experiment, True)
+    prior = {"K": K, "L": L}
+    return _process("integrator", prior, _integrator, experiment, Control(**control), True)
 
 
 def _process(
     name: str,
     given: dict[str, Any],
     matrices: Matrices,
-    design: Callable[[Array, float], Array],
-    tau_c: float | None,
     experiment: Given,
+    control: Control,
     integrating: bool = False,
 ) -> Plant:
     """A plant behind a dead time, its last parameter."""
-    if tau_c is not None:
-        validation.number("tau_c", tau_c, above=0.0, remedy="Give it in seconds.")
+    if integrating and control.rule == "ms":
+        raise ValueError("rule = 'ms' is for plants that are stable alone. Choose another.")
     prior = {of: spread(of, value) for of, value in given.items()}
     made = Experiment.of(experiment)
-    loop = _Loop(_Late(matrices), made.Ts, made.signals, design)
-    arguments = {of: plain(value) for of, value in prior.items()} | {"experiment": asdict(made)}
-    return Plant(
+    loop = ControlLoop(
+        _Late(matrices),
+        made.Ts,
+        control.aimed(made.Ts),
+        made.signals,
+        control.controller,
+        control.rule,
+        control.counted,
+        _As(made.Ts / 2),
+        control.tau_c,
+        control.Ms,
+        control.N,
+    )
+    scales = control.metrics if isinstance(control.metrics, Mapping) else {}
+    metrics: dict[str, Any] = {**loop.settings, **scales}
+    if not scales and control.rule != LOOP_SHAPING and "crossover [Hz]" in metrics:
+        metrics["crossover [Hz]"] = Metric(np.inf)
+    settings: dict[str, Any] = {}
+    if loop.parametrisation.target is not None:  # the recording can judge alone
+        aim = loop.target
+        settings = {"crossover": aim.crossover, "target": (aim.phase_margin, aim.crossover)}
+        settings = settings if control.counted == MARGINS else {}
+    arguments = {of: plain(value) for of, value in prior.items()}
+    return loop.plant(
         prior=prior,
-        simulate=loop.simulate,
-        design=loop.design,
-        evaluate=loop.evaluate,
-        loop=loop.around,
-        gains=GAINS,
-        metrics=METRICS,
+        metrics=metrics,
         u=prbs(made.N, made.Ts, made.bit_time, made.amplitude)[0],
-        Ts=made.Ts,
         noise=made.noise,
-        linear=True,
         integrating=integrating,
-        signals=made.signals,
         entry=f"yawrate_env.plants:{name}",
-        arguments=arguments if tau_c is None else {**arguments, "tau_c": tau_c},
+        arguments={**arguments, "experiment": asdict(made), **control.changes},
+        **settings,
     )
 
 
@@ -194,36 +245,16 @@ class _Late:
 
 
 @dataclass(frozen=True, slots=True)
-class _Loop:
-    """Simulator, rule and metrics of a PI loop around sampled plants."""
+class _As:
+    """Parameters (B, p) as processes; the controller's hold is half a sample of dead time [s]."""
 
-    discrete: _Late
-    Ts: float
-    signals: tuple[str, str]
-    rule: Callable[[Array, float], Array]
+    hold: float
 
-    def simulate(self, theta: Array, u: Array, rng: Any) -> Array:
-        """Noise-free outputs (B, N) from rest."""
-        return self._at(0.1 / self.Ts).simulate(theta, u, rng)
-
-    def design(self, theta: Array) -> Array:
-        """(kp, Ti) (B, 2); the controller's hold is half a sample of dead time."""
-        return self.rule(theta, self.Ts / 2)
-
-    def evaluate(self, theta: Array, gains: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Metrics (B, 3), and whether loops are stable (B,)."""
-        found = self._at(0.1 / self.Ts).loops(theta).evaluate(*gains.T)
-        of = found.margins
-        return np.stack([of.phase_margin, of.gain_margin, of.crossover], axis=1), found.stable
-
-    def around(self, theta: Array, gains: Array) -> ClosedLoop:
-        """The loop of gains (2,) around one plant (p,), for reports to draw."""
-        (metrics,), _ = self.evaluate(theta[None], gains[None])
-        crossover = metrics[2] if np.isfinite(metrics[2]) else 0.1 / self.Ts
-        return self._at(min(float(crossover), 0.45 / self.Ts)).around(theta, gains)
-
-    def _at(self, crossover: float) -> PILoop:
-        return PILoop(self.discrete, self.Ts, Target(crossover=crossover, Ts=self.Ts), self.signals)
+    def __call__(self, theta: Array) -> Process:
+        gain, *lags, dead_time = theta.T
+        none = np.zeros_like(gain)
+        lag, second = [*lags, none][:2] if lags else (np.full_like(gain, np.inf), none)
+        return Process(gain, lag, second, dead_time + self.hold)
 
 
 def _lag(theta: Array) -> tuple[Array, Array, Array]:

@@ -23,7 +23,7 @@ from yawrate_env import validation
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.loop import controller
 from yawrate_env.loop.discretisation import DiscretePlant
-from yawrate_env.loop.late_loop import delays
+from yawrate_env.loop.feedback import delays
 from yawrate_env.loop.target import Target
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ class DriveState:
     def rest(cls, plant: DiscretePlant, target: Target) -> Self:
         """Straight driving, with the steering at zero."""
         count, n = plant.B.shape
-        late = np.zeros((count, 1 + int(delays(plant, target).max(initial=0))))
+        late = np.zeros((count, 1 + int(delays(plant, target.delay_samples).max(initial=0))))
         return cls(np.zeros((count, n)), late, np.zeros(count), np.zeros(count))
 
     def __len__(self) -> int:
@@ -144,7 +144,7 @@ def _packed(
 ) -> tuple[Array, NDArray[np.int64]]:
     """Workspace rows (B, rows), and where command and disturbance join the delay line (B, 2)."""
     n1, n0, d0 = controller.coefficients(gains[:, 0], gains[:, 1], target)
-    n, delay = plant.B.shape[1], delays(plant, target)
+    n, delay = plant.B.shape[1], delays(plant, target.delay_samples)
     wanted = (len(plant), n), (len(plant), 1 + int(delay.max(initial=0)))
     if (state.x.shape, state.late.shape) != wanted:
         raise ValueError(
