@@ -39,7 +39,7 @@ def notes(changelog: str, version: str) -> str:
         If there is no section, or nothing in it.
     """
     found = re.search(
-        rf"^## \[?{re.escape(version)}\]?(?: .*)?\n(.*?)(?=^## |\Z)", changelog, re.M | re.S
+        rf"^## \[?{re.escape(version)}\]?(?: [^\n]*)?\n(.*?)(?=^## |\Z)", changelog, re.M | re.S
     )
     if found is None or not found[1].strip():
         raise ValueError(
