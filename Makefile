@@ -51,6 +51,7 @@ lint: $(STAMP) ## ruff and mypy, changing nothing
 	@$(BIN)/python -m ruff format --check .
 	@echo "==> mypy"
 	@$(BIN)/python -m mypy
+	@$(BIN)/python -m mypy --platform win32 yawrate_env tuners
 
 reproduce: $(STAMP) ## the paper's Table III and figures 4 to 8, made here
 	@echo "==> scripts/reproduce_paper.py"

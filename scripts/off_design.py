@@ -2,6 +2,7 @@
 
 python scripts/off_design.py                     # 1500 episodes, every tuner
 python scripts/off_design.py --episodes 100 --tuner gb --tuner my.tuner
+python scripts/off_design.py --keep --tuner bb   # anew, beside the stored rows of others
 
 Results go to results/off_design.* and results/schedule.*, pictures to figures/.
 """
@@ -30,12 +31,14 @@ CLAIMED = (20.0, 13.0, 30.0)
 @counted("--episodes", 1500, "Of the test set.")
 @seed()
 @click.option("--tuner", multiple=True, default=NAMES, help="Name or .tuner file, or 'ladder'.")
+@click.option("--keep", is_flag=True, help="Stored rows of other tuners; no schedule.")
 @click.option("--every-speed", default="ts-ff-lag-vx", help="The tuner for all speeds.")
 @folders
 def main(
     episodes: int,
     seed: int,
     tuner: tuple[str, ...],
+    keep: bool,
     every_speed: str,
     results: Path,
     figures: Path,
@@ -45,8 +48,12 @@ def main(
     results.mkdir(parents=True, exist_ok=True)
     with Bars() as bars:
         cells = off_design.study(tested, Task(), episodes=episodes, seed=seed, progress=bars)
+        if keep:
+            cells = off_design_page.joined(results, cells, seed)
         off_design_page.write(cells, seed, results)
         plots.save(pictures.off_design(cells), figures / "off_design.png")
+        if keep:
+            return
         bins = schedule.accuracy(every, EDGES, episodes=episodes, seed=seed, progress=bars)
         prices = [
             schedule.price(who, of, v_x, episodes=episodes, seed=seed, progress=bars)

@@ -180,7 +180,44 @@ def test_a_tuner_is_used_without_what_trained_it(names, needs, never):
     assert not loaded & (never | LEARNING - {"xgboost"} | {"matplotlib", "control"})
 
 
-def test_version_is_the_distributions():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert project["version"] == yawrate_env.__version__
-    assert (ROOT / "yawrate_env" / "py.typed").exists()
+POSIX = {
+    *("crypt", "curses", "fcntl", "grp", "nis", "posix", "pty", "pwd", "readline", "resource"),
+    *("spwd", "syslog", "termios", "tty"),
+}
+
+
+@pytest.mark.parametrize("path", FILES, ids=dotted)
+def test_no_module_imports_what_windows_lacks(path):
+    assert not {name.partition(".")[0] for name in imported_names(path)} & POSIX
+
+
+def test_a_log_is_tuned_where_modules_of_posix_are_missing():
+    """The standard library's own imports of them come first: they ask which system it is."""
+    program = (
+        "import asyncio, multiprocessing, shutil, subprocess, sys, tempfile\n"
+        f"sys.modules.update(dict.fromkeys({sorted(POSIX)}))\n"
+        "from tuners.cli import main\n"
+        "main(['tune', 'examples/log.csv'], standalone_mode=False)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert "USABLE" in done.stdout, done.stderr
+
+
+def test_version_has_one_place():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert project["project"]["dynamic"] == ["version"]
+    place = project["tool"]["setuptools"]["dynamic"]["version"]["attr"]
+    assert place == "yawrate_env.__version__"
+    assert "version:" not in (ROOT / "CITATION.cff").read_text().replace("cff-version:", "")
+
+
+def test_both_packages_are_typed():
+    data = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    for package in FLOORS:
+        assert "py.typed" in data["package-data"][package]
+        assert (ROOT / package / "py.typed").exists()

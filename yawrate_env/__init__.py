@@ -11,7 +11,7 @@ The package holds plants, their loops and the environments; nothing that learns 
 
 from gymnasium.envs.registration import register, registry
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 ENV_ID = "yawrate/PITuning-v0"
 NONLINEAR_ID = "yawrate/PITuningNonlinear-v0"

@@ -19,12 +19,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BufferedWriter]:
     check_regular(target)
     prefix = f".{target.name}."
     try:
-        with _temporary(target.parent, prefix) as (temporary, file):
+        with _temporary(target, prefix) as file:
             yield file
-            file.flush()
-            os.fsync(file.fileno())
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, target)
     except OSError as error:
         if error.errno is None or prefix not in str(error.filename or prefix):
             raise
@@ -33,12 +29,19 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BufferedWriter]:
 
 
 @contextmanager
-def _temporary(folder: Path, prefix: str) -> Iterator[tuple[str, BufferedWriter]]:
-    """Name of a new file and the open file, deleted if something fails."""
-    handle, name = tempfile.mkstemp(dir=folder, prefix=prefix)
+def _temporary(target: Path, prefix: str) -> Iterator[BufferedWriter]:
+    """A new file, renamed to `target` once it is closed, and deleted if something fails.
+
+    Windows renames and deletes closed files only.
+    """
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=prefix)
     try:
         with os.fdopen(handle, "wb") as file:
-            yield name, file
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(name, 0o644)
+        os.replace(name, target)
     except BaseException:
         os.unlink(name)
         raise
@@ -71,7 +74,9 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Flush a folder's entries: fsync of a file does not write them."""
+    """Flush a folder's entries: fsync of a file does not write them.  Windows opens no folders."""
+    if os.name == "nt":
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -42,17 +42,59 @@ _LADDER = (
 
 def write(cells: Sequence[Cell], seed: int, folder: Path) -> None:
     """Write ``off_design.json`` and ``off_design.md`` into a folder that exists."""
-    conditions = {
+    found = {"conditions": _conditions(cells, seed), "cells": [asdict(c) for c in cells]}
+    text = json.dumps(found, indent=1, allow_nan=False)
+    write_text(folder / "off_design.json", text + "\n")
+    write_text(folder / "off_design.md", page(cells, seed))
+
+
+def read(folder: Path) -> tuple[list[Cell], int]:
+    """Cells and seed of ``off_design.json``."""
+    found = json.loads((folder / "off_design.json").read_text("utf-8"))
+    metrics = "phase_margin", "crossover"
+    cells = [
+        Cell(
+            **(c | {m: Accuracy(**{**c[m], "interval": _pair(c[m]["interval"])}) for m in metrics})
+        )
+        for c in found["cells"]
+    ]
+    return cells, int(found["conditions"]["seed"])
+
+
+def joined(folder: Path, cells: Sequence[Cell], seed: int) -> list[Cell]:
+    """Stored cells, with new ones in place of the same tuner's or behind them.
+
+    Raises
+    ------
+    ValueError
+        If those were not measured on the same episodes and conditions.
+    """
+    stored, stored_seed = read(folder)
+    asked = {(c.condition, c.level, c.episodes) for c in cells}
+    if stored_seed != seed or {(c.condition, c.level, c.episodes) for c in stored} != asked:
+        raise ValueError(
+            f"keep: {folder / 'off_design.json'} has other episodes, seeds or conditions. "
+            "Measure all tuners anew."
+        )
+    new = {c.tuner for c in cells}
+    kept: dict[tuple[str, Level], list[Cell]] = {}
+    for c in [*(c for c in stored if c.tuner not in new), *cells]:
+        kept.setdefault((c.condition, c.level), []).append(c)
+    return [c for row in kept.values() for c in row]
+
+
+def _pair(values: Sequence[float] | None) -> tuple[float, float] | None:
+    return None if values is None else (values[0], values[1])
+
+
+def _conditions(cells: Sequence[Cell], seed: int) -> dict[str, object]:
+    return {
         "set": "test",
         "episodes": cells[0].episodes,
         "seed": seed,
         "miss": MISS,
         "interval": "95 % bootstrap",
     }
-    found = {"conditions": conditions, "cells": [asdict(c) for c in cells]}
-    text = json.dumps(found, indent=1, allow_nan=False)
-    write_text(folder / "off_design.json", text + "\n")
-    write_text(folder / "off_design.md", page(cells, seed))
 
 
 def page(cells: Sequence[Cell], seed: int) -> str:

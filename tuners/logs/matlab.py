@@ -8,11 +8,13 @@ matrix, ``x:1``.  Elements of a structure array, as Simulink's signals, are call
 import faulthandler
 import os
 import signal
+import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
-from tempfile import NamedTemporaryFile
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -59,7 +61,7 @@ def _classic(content: bytes) -> Any:
 
 def _check_survives(content: bytes) -> None:
     """Refuse files that would end the process: SciPy's reader of damaged structures does so."""
-    if not hasattr(os, "fork"):
+    if sys.platform == "win32":  # which has no fork
         return
     from scipy.io import loadmat
 
@@ -89,10 +91,10 @@ def _objects(content: bytes) -> Any:
                 'Tables and timetables of MATLAB need mat-io: pip install "yawrate[matlab]"; or '
                 "write CSV with writetimetable."
             ) from None
-        with NamedTemporaryFile(suffix=".mat") as file:
-            file.write(content)
-            file.flush()
-            variables = load_from_mat(file.name)
+        with TemporaryDirectory() as folder:  # Windows opens no temporary file twice
+            file = Path(folder, "log.mat")
+            file.write_bytes(content)
+            variables = load_from_mat(str(file))
     return {name: _plain(value) for name, value in variables.items() if name[:2] != "__"}
 
 

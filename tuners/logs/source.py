@@ -8,6 +8,7 @@ import io
 import os
 import select
 import stat
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +20,7 @@ LARGEST = 1 << 30
 """Bytes of a recording, unpacked."""
 
 PATIENCE = 10.0
-"""How long a pipe may be silent [s]."""
+"""How long a pipe may be silent [s]; Windows waits for sockets only."""
 
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)  # as the system has them
 _CHUNK = 1 << 20
@@ -66,7 +67,7 @@ def _chunks(file: io.FileIO, pipe: bool) -> list[bytes]:
     chunks: list[bytes] = []
     size = 0
     while True:
-        if pipe and not select.select([file], [], [], PATIENCE)[0]:
+        if pipe and sys.platform != "win32" and not select.select([file], [], [], PATIENCE)[0]:
             raise LogError(
                 f"Nothing came through the pipe for {PATIENCE:g} s. Write to a file first."
             )
