@@ -131,6 +131,10 @@ def test_a_log_is_answered_as_by_the_command(client, log):
     [
         ({"input-unit": "deg", "flip-output": True}, ["--input-unit", "deg", "--flip-output"]),
         ({"from": "4", "to": "12", "tuner": "bb"}, ["--from", "4", "--to", "12"]),
+        (
+            {"crossover": "2", "phase-margin": "55", "delay": "0.02"},
+            ["--crossover", "2", "--phase-margin", "55", "--delay", "0.02"],
+        ),
     ],
 )
 def test_a_form_acts_as_the_options(client, log, form, flags):
@@ -146,6 +150,8 @@ def test_a_form_acts_as_the_options(client, log, form, flags):
         ({"input-column": "yaw_rate"}, ["--input-column", "yaw_rate"]),
         ({"Ts": "nan"}, ["--Ts", "nan"]),
         ({"from": "900"}, ["--from", "900"]),
+        ({"delay": "0.015"}, ["--delay", "0.015"]),
+        ({"crossover": "60"}, ["--crossover", "60"]),
     ],
 )
 def test_wrong_fields_get_the_commands_words(client, log, form, flags):
@@ -184,6 +190,7 @@ def test_columns_and_units_are_shown_as_understood(client):
     assert roles["output"] == ("r", "deg/s")
     assert roles["speed"] == ("VehSpd [km/h]", "km/h")
     assert told["stretch"] == [0.0, 11.98]
+    assert told["loop"] == {"crossover": 1.5, "phase-margin": 60.0, "delay": 0.0}
 
 
 @pytest.mark.parametrize(

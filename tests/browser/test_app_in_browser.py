@@ -1,21 +1,16 @@
 """``yawrate app`` in Chromium: drop a log, change a unit, answer, a wrong file, narrow screens."""
 
 import base64
-import shutil
 import subprocess
 import sys
 
 import pytest
+from browsing import barriers, needs_chromium
 from command import EXAMPLE, tuned
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
 pytest.importorskip("starlette", reason="needs starlette")
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium"),
-]
+pytestmark = [pytest.mark.slow, needs_chromium]
 
 DROP = """([name, content]) => {
     const data = new DataTransfer();
@@ -32,14 +27,6 @@ def address():
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as process:
         yield process.stdout.readline().strip()
         process.terminate()
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as started:
-        opened = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(params=[(1280, "light"), (390, "dark")], ids=str)
@@ -121,3 +108,14 @@ def test_a_wrong_file_is_told_and_other_logs_stay(page):
     page.get_by_role("tab", name="bad <b>.json").click()
     page.get_by_role("button", name="Forget this log").click()
     assert page.get_by_role("heading", name="log.csv").is_visible()
+
+
+def test_axe_finds_nothing_serious_on_any_screen(page):
+    assert barriers(page) == []
+    drop(page, "log.csv", EXAMPLE.read_bytes())
+    page.locator(".u-over").nth(1).wait_for(timeout=60_000)
+    assert barriers(page) == []
+    answered(page)
+    drop(page, "bad.json", b'{"a": 1}')
+    page.get_by_role("alert").filter(has_text="bad.json").wait_for(timeout=60_000)
+    assert barriers(page) == []

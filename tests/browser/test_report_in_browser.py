@@ -1,27 +1,12 @@
-"""The report in Chromium: sliders, keyboard, themes, narrow screens."""
-
-import shutil
+"""The report in Chromium: sliders, keyboard, hover, themes, print, narrow screens."""
 
 import pytest
+from browsing import barriers, needs_chromium
 from command import log_of, result_of
 
 from tuners.cli.report import write_report
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
-
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="needs chromium"),
-]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as started:
-        opened = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield opened
-        opened.close()
+pytestmark = [pytest.mark.slow, needs_chromium]
 
 
 @pytest.fixture(scope="module")
@@ -77,8 +62,38 @@ def test_buttons_copy_or_offer_the_text(page):
     assert "@" not in page.locator("[data-text]").input_value()
 
 
-def test_charts_are_drawn_and_the_still_pictures_hidden(page):
+def test_axe_finds_nothing_serious_at_rest_or_moved(page):
+    assert barriers(page) == []
+    page.locator("#delay").focus()
+    page.keyboard.press("End")
+    assert barriers(page) == []
+
+
+def test_the_pointer_reads_values_and_bands(page):
+    chart = page.locator("[data-step]")
+    key = page.locator("[data-step] + .key")
+    assert "this loop" in key.inner_text() and " s" not in key.inner_text().split("this")[0]
+    chart.scroll_into_view_if_needed()
+    box = chart.bounding_box()
+    page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.4 * box["height"])
+    page.wait_for_function("document.querySelector('[data-step] + .key .at').textContent !== ''")
+    value = float(key.locator(".this").inner_text().removeprefix("this loop"))
+    low, high = map(float, key.locator(".band").inner_text().removeprefix("90 %").split(" to "))
+    assert low < value < high and value == pytest.approx(1, abs=0.2)
+
+
+def test_charts_are_drawn_and_paper_gets_the_still_pictures_until_something_moves(page):
     assert page.locator("#live canvas").count() == 5
     assert not page.locator(".still.loop").is_visible()
     page.emulate_media(media="print")
-    assert page.locator(".still.loop").is_visible()
+    assert page.locator(".still.loop").is_visible() and not page.locator("#live").is_visible()
+    page.emulate_media(media="screen")
+    page.get_by_label("PID").check()
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    widths = {canvas.bounding_box()["width"] for canvas in page.locator("#live canvas").all()}
+    assert widths == {310}
+    page.emulate_media(media="print")
+    assert page.locator("#live").is_visible() and not page.locator(".still.loop").is_visible()
+    page.emulate_media(media="screen")
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    page.wait_for_function("document.querySelector('#live canvas').clientWidth !== 310")

@@ -10,7 +10,7 @@ import control
 import numpy as np
 import pytest
 from command import log_of
-from recordings import ROOT
+from recordings import ROOT, recorded
 
 import tuners
 from tuners.cli.report.live import live
@@ -19,6 +19,7 @@ from tuners.trust.response import Response
 from yawrate_env.loop.design import design_from_response
 from yawrate_env.loop.loops import Loops
 from yawrate_env.loop.target import Target
+from yawrate_env.vehicle.task import Experiment
 
 SCRIPT = ROOT / "tuners" / "cli" / "report" / "templates" / "loop.js"
 COUNT, HORIZON = 200, 600
@@ -148,6 +149,58 @@ def test_the_step_is_the_closed_loops_own():
                           capture_output=True, text=True, check=True)  # fmt: skip
     for told, response in zip(json.loads(done.stdout), result.loop.responses, strict=True):
         assert told == pytest.approx(response.value[:250], abs=1e-8)
+
+
+BANDS = """
+const Loop = require(process.argv[1]);
+const {models, delay, samples} = JSON.parse(require("fs").readFileSync(0));
+console.log(JSON.stringify(models.map((model) => {
+  const C = Loop.pi(model.start.kp, model.start.Ti);
+  const given = [model, C, delay, samples];
+  const found = Loop.responses(...given), half = Loop.halfWidths(...given);
+  return ["step", "disturbance"].map((name) => [[...found[name]], [...half[name]]]);
+})));
+"""
+
+
+def banded(models, delay, samples):
+    """Responses and half widths of their bands, (models, 2, 2, samples)."""
+    sent = json.dumps({"models": models, "delay": delay, "samples": samples})
+    done = subprocess.run(
+        ["node", "-e", BANDS, str(SCRIPT)], input=sent, capture_output=True, text=True, check=True
+    )
+    return np.array(json.loads(done.stdout))
+
+
+def test_bands_are_the_responses_derivatives():
+    _, model = answer("bb")
+    step = 1e-3
+    turned = [
+        model | {"pulse": list(np.add(model["pulse"], sign * step * np.array(direction)))}
+        for direction in model["doubt"]
+        for sign in (1, -1)
+    ]
+    found = banded([model, *turned], 2, 200)
+    slopes = (found[1::2, :, 0] - found[2::2, :, 0]) / (2 * step)
+    expected = np.sqrt((slopes**2).sum(axis=0))
+    np.testing.assert_allclose(found[0, :, 1], expected, rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tuner, least, most", [("bb", 0.88, 0.96), ("ts-ff-lag", 0.95, 1.0)])
+def test_bands_hold_the_true_responses(tuner, least, most):
+    """Points of 32 episodes' responses; the simulator knows more than the recording alone."""
+    recording = recorded(32, Experiment(snr_db=20.0))
+    results = tuners.load(tuner).results(recording)
+    models = [live(result, log_of("vehicle"), tuner) for result in results]
+    found = banded(models, 0, 250)
+    true = np.array([
+        [response.value[:250] for response in result.plant.closed_loop(theta, gains).responses]
+        for result, theta in zip(results, recording.known, strict=True)
+        for gains in [np.array(list(result.gains.values()))]
+    ])  # fmt: skip
+    inside = np.abs(true - found[:, :, 0]) <= found[:, :, 1] + 1e-12
+    assert least < inside.mean() <= most
 
 
 def test_without_a_pi_loop_nothing_can_be_moved():

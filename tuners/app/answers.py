@@ -19,12 +19,14 @@ from tuners.cli import ERRORS, in_words
 from tuners.cli.answer import as_json, plain
 from tuners.cli.report import render
 from tuners.cli.sources import load_tuner
-from tuners.cli.tuning import DEFAULT, tuned, tuner_for
+from tuners.cli.target_options import changed
+from tuners.cli.tuning import DEFAULT, for_loop, tuned, tuner_for
 from tuners.export import export
 from tuners.logs import Log, Options, Table, log_of, read_table
 from tuners.logs.columns import Found, find
 from tuners.logs.table import Array
 from tuners.tuner.result import Result
+from yawrate_env.loop.target import Target
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 
@@ -50,9 +52,12 @@ def understood(upload: Upload, form: Mapping[str, Any]) -> dict[str, Any]:
     except ERRORS as error:
         return {"name": upload.name, "columns": [], "error": _said(error, upload)}
     try:
-        options, _, chosen = parsed(form, tuners.NAMES)
+        options, _, chosen, changes = parsed(form, tuners.NAMES)
         told["command"] = command_line(form, upload.name)
         told["tuner"], trained, log = tuner_for(table, options, chosen, tuner_called)
+        told["loop"] = _loop(trained.plant.loop_target)
+        if changes:
+            changed(trained.plant, changes)
     except ERRORS as error:
         return told | {"error": _said(error, upload)}
     whole = log
@@ -70,9 +75,11 @@ def answered(upload: Upload, form: Mapping[str, Any]) -> dict[str, Any]:
     """Tune, and keep the result for the report and the exports."""
     upload.answer = None
     try:
-        options, start, chosen = parsed(form, tuners.NAMES)
+        options, start, chosen, changes = parsed(form, tuners.NAMES)
         name, trained, log = tuner_for(_table(upload), options, chosen, tuner_called)
-        result = tuned(trained, log, start, options.input_scale)
+        result = for_loop(
+            trained, changes, lambda tuner: tuned(tuner, log, start, options.input_scale)
+        )
     except ERRORS as error:
         return {"error": _said(error, upload)}
     told = as_json(result, log, name)
@@ -115,6 +122,17 @@ def _said(error: Exception, upload: Upload) -> str:
 
 def _whole(options: Options) -> Options:
     return replace(options, start=EVERYTHING[0], stop=EVERYTHING[1])
+
+
+def _loop(target: Target | None) -> dict[str, float]:
+    """The loop that the tuner was made for, by the form's fields; empty where it has none."""
+    if target is None:
+        return {}
+    return {
+        "crossover": target.crossover,
+        "phase-margin": target.phase_margin,
+        "delay": target.delay_samples * target.Ts,
+    }
 
 
 def _roles(found: Found, plant: Plant) -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from tuners.cli.log_options import log_options
+from tuners.cli.target_options import Changes, target_options
 from tuners.cli.tuning import start_option, tuner_option
 from tuners.logs import Options
 
@@ -14,14 +15,15 @@ TEXTS = (
     "time-column", "time-unit", "input-column", "input-unit", "output-column", "output-unit",
     "speed-column", "speed-unit", "speed", "reference-column", "Ts", "steer-ratio", "input-is",
     "input-between", "from", "to", "start", "tuner", "old-kp", "old-Ti",
+    "phase-margin", "crossover", "delay",
 )  # fmt: skip
 FLAGS = "flip-input", "flip-output"
 """Fields, named as the options; none of them names a file of this machine."""
 
 LONGEST = 200
 
-Parsed = tuple[Options, str, str | None]
-"""Options, how the recording starts, and the tuner's name if one was chosen."""
+Parsed = tuple[Options, str, str | None, Changes]
+"""Options, how the recording starts, the tuner's name if one was chosen, and another loop."""
 
 
 def arguments(form: Mapping[str, Any]) -> list[str]:
@@ -39,10 +41,11 @@ def arguments(form: Mapping[str, Any]) -> list[str]:
 
 def parsed(form: Mapping[str, Any], tuners: tuple[str, ...]) -> Parsed:
     """The form as the command reads it; click's errors are the command's."""
-    options, start, tuner = _command.main(arguments(form), "yawrate tune", standalone_mode=False)
+    found: Parsed = _command.main(arguments(form), "yawrate tune", standalone_mode=False)
+    tuner = found[2]
     if tuner is not None and tuner not in tuners:
         raise click.UsageError(f"No tuner {tuner!r}. Choose one of {', '.join(tuners)}.")
-    return options, start, tuner
+    return found
 
 
 def command_line(form: Mapping[str, Any], name: str) -> str:
@@ -54,5 +57,6 @@ def command_line(form: Mapping[str, Any], name: str) -> str:
 @log_options
 @start_option
 @tuner_option
-def _command(options: Options, start: str, tuner: str | None) -> Parsed:
-    return options, start, tuner
+@target_options
+def _command(options: Options, start: str, tuner: str | None, target: Changes) -> Parsed:
+    return options, start, tuner, target

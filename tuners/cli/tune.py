@@ -11,8 +11,9 @@ import click
 from tuners.cli.arguments import READABLE, REFUSED, Output, example, refuse_overwriting
 from tuners.cli.log_files import LOGS, log_files, read_each, recordings
 from tuners.cli.log_options import log_options
-from tuners.cli.target_options import Changes, changed, target_options
+from tuners.cli.target_options import Changes, target_options
 from tuners.cli.tuning import (
+    for_loop,
     pooled,
     several_logs,
     start_option,
@@ -158,8 +159,4 @@ def _answer(
         held = tuner.pool([own], names=[log.source for log in read], validate=other, start=start)
         return replace(result, validation=held.validation)
 
-    result = answered(trained)
-    if changes:
-        other = trained.for_target(changed(trained.plant, changes), result.rung)
-        result = answered(other).after(result)
-    return name, result, read[: len(files)]
+    return name, for_loop(trained, changes, answered), read[: len(files)]

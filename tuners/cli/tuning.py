@@ -10,6 +10,7 @@ import click
 
 from tuners.cli.log_files import logs_of, recordings, wanted
 from tuners.cli.sources import load_tuner
+from tuners.cli.target_options import Changes, changed
 from tuners.logs import Log, MissingParameterError, Options, Table, log_of, read_table
 from tuners.trust.black_box import STARTS
 from tuners.tuner.result import Result
@@ -94,6 +95,15 @@ def pooled(
     )
     notes = tuple(f"{log.source}: {note}" for log in logs for note in log.notes)
     return replace(result, notes=(*notes, *result.notes))
+
+
+def for_loop(tuner: Tuner, changes: Changes, answered: Callable[[Tuner], Result]) -> Result:
+    """A tuner's result, or with changes that for another loop, which is no more certain."""
+    if not changes:
+        return answered(tuner)
+    target = changed(tuner.plant, changes)
+    before = answered(tuner)
+    return answered(tuner.for_target(target, before.rung)).after(before)
 
 
 def tuned(tuner: Tuner, log: Log, start: str, input_scale: float) -> Result:

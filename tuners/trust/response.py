@@ -18,12 +18,12 @@ from tuners.trust.curvature import Curvature
 from tuners.trust.likely_prior import Estimate, most_likely
 from tuners.trust.memory import lingering
 from tuners.trust.noise_spectrum import response_slopes, sandwich, weighted
+from tuners.trust.pulses import pulses_of
 from yawrate_env.batch import take
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import Design, Status, design_from_response
 from yawrate_env.loop.margins import delta_operator
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.pi_loop import pulse_samples
 from yawrate_env.plant.responses import OpenLoop
 
 Array = NDArray[np.float64]
@@ -34,7 +34,6 @@ _NYQUIST = 0.95  # of half the controller's rate: the highest frequency that is 
 _LEAST = 1e-20  # of the output's energy: noise below rounding
 _NOISE_LEFT = 0.02  # of the residual, where a difference between halves explains nearly all
 _SURE = 3.0  # standard deviations
-_WHOLE = 1e-6  # of a sampling time
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,15 +171,33 @@ class Response:
         None where the recording's samples are no whole parts of the controller's, or where there
         are several recordings.
         """
-        functions, Ts, hold = self.model.functions, self.model.Ts, self.target.Ts
-        parts = round(hold / Ts)
-        known = np.isfinite(self.coefficients[i]).all()
-        if not known or parts < 1 or abs(parts * Ts - hold) > _WHOLE * hold:
+        pulses = pulses_of(self.model.functions, self.model.Ts, self.target)
+        if pulses is None or not np.isfinite(self.coefficients[i]).all():
             return None
-        held = np.zeros((1, parts * pulse_samples(self.target)))
-        held[0, :parts] = 1.0
-        fine = functions.outputs(held, self.coefficients[[i], None], Ts)[0, 0]
-        return np.ascontiguousarray(fine[::parts])
+        return np.ascontiguousarray(self.coefficients[i] @ pulses)
+
+    def doubt(self, gains: Array, half: Array) -> Array | None:
+        """What one recording leaves open of the plant's pulse response, (n, K).
+
+        A band's half width, of whatever is linear in the pulse response, is the root of the sum
+        of the squares that these give.  They are a root of the covariance that white noise gives
+        the coefficients, scaled so that the metrics of gains (2,) have half widths of at least
+        `half` (2,).  None where pulse or scale is unknown.
+        """
+        pulses = pulses_of(self.model.functions, self.model.Ts, self.target)
+        if pulses is None or len(self) != 1:
+            return None
+        found, gram = _from_white(self.model), self.model.information[0]
+        E = found.estimator[0]
+        P = _variance(self.model)[0] * E @ gram @ E + found.hidden[0]
+        at = _functions_seen(self.model.functions, self.model.Ts, self.target)[:, -1]
+        J = (self._metric_slopes(gains[None]) @ response_slopes(found.coefficients, at))[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            factor = (half / np.sqrt(np.einsum("ij,jk,ik->i", J, P, J))).max()
+        if not np.isfinite(factor):
+            return None
+        values, vectors = np.linalg.eigh(P)
+        return np.asarray(factor * (vectors * np.sqrt(np.maximum(values, 0))).T @ pulses)
 
     def part(self, i: int) -> "Response":
         """Recording `i` alone."""
@@ -269,13 +286,25 @@ class Response:
 
 def _from_white(model: BlackBox) -> Estimate:
     """Coefficients of black boxes, whose residual is taken for white noise."""
-    n, N = model.functions.order, model.u.shape[1]
+    right, energy = _products(model)
+    return most_likely(model.information, right, energy, _variance(model))
+
+
+def _products(model: BlackBox) -> tuple[Array, Array]:
+    """Inner products of functions and output (B, n), and of the output (B,)."""
     right = (model.information @ model.coefficients[..., None])[..., 0]
-    energy = model.residual + (right * model.coefficients).sum(axis=1)
+    return right, model.residual + (right * model.coefficients).sum(axis=1)
+
+
+def _variance(model: BlackBox) -> Array:
+    """Variance (B,) of the noise, taken for white."""
+    n, N = model.functions.order, model.u.shape[1]
+    _, energy = _products(model)
     independent = max(N / model.oversampled - n, 1.0)
     least = np.where(energy > 0, _LEAST * energy, 1.0)
-    variance = np.maximum(model.residual, least) / N * model.oversampled * (1 + n / independent)
-    return most_likely(model.information, right, energy, variance)
+    return np.asarray(
+        np.maximum(model.residual, least) / N * model.oversampled * (1 + n / independent)
+    )
 
 
 def _halves(model: BlackBox, error: Array, filters: Array) -> tuple[Array, Array]:

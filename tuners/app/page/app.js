@@ -134,6 +134,11 @@ class Log {
     if (told.stretch) this.used = told.stretch;
     for (const [name, i] of [["from", 0], ["to", 1]])
       find(`[name=${name}]`, this.panel).placeholder = told.stretch ? seconds(told.stretch[i]) : "";
+    if (told.loop) {
+      const filled = [...this.part("loop").elements].some((field) => field.value);
+      this.part("loop").hidden = Object.keys(told.loop).length === 0 && !filled;
+      for (const [name, value] of Object.entries(told.loop)) find(`[name=${name}]`, this.panel).placeholder = number(value);
+    }
     if (told.plot) this.draw(told.plot);
   }
 

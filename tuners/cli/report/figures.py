@@ -7,6 +7,7 @@ is drawn twice, for wide and for narrow pages.
 import io
 import re
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,16 @@ Array = NDArray[np.float64]
 HALF, FULL = 4.7, 9.8  # inch
 MOST_POINTS = 3000  # of a drawn line
 MEASURED, MODEL, RESIDUAL = "#9db4c8", "#b0307a", "#69717a"
+THEMED = {
+    rendering.INK: "ink",
+    rendering.MUTED: "muted",
+    rendering.GRID: "grid",
+    rendering.STYLE["axes.edgecolor"]: "edge",
+    rendering.YAW_RATE: "other",
+    MODEL: "loop",
+}
+"""The page's variables for the colours that its dark theme changes."""
+
 STYLE = {
     **rendering.STYLE,
     "font.size": 9.5,
@@ -184,8 +195,16 @@ def correlation(found: Correlation, title: str) -> Figure:
     return picture
 
 
-def svg(picture: Figure, name: str) -> str:
-    """Markup to put into a page: scales with it, and uses the page's font."""
+def svg(picture: Figure, name: str, alternative: str = "") -> str:
+    """Markup to put into a page: scales with it, and uses the page's font and colours.
+
+    Parameters
+    ----------
+    name : str
+        Of the picture, which its identifiers are made from.
+    alternative : str
+        What is told to whom cannot see it; its name if not given.
+    """
     text = io.StringIO()
     with style.context(["default", STYLE, {"svg.hashsalt": name}]):
         FigureCanvasSVG(picture)
@@ -196,9 +215,11 @@ def svg(picture: Figure, name: str) -> str:
     markup = text.getvalue()[text.getvalue().index("<svg") :]
     markup = re.sub(r"<metadata>.*?</metadata>", "", markup, flags=re.DOTALL)
     markup = re.sub(r' id="[a-z]+[\w.]*_\d+"', "", markup)  # of groups; two figures share them
+    for colour, variable in THEMED.items():
+        markup = markup.replace(colour, f"var(--{variable})")
     head, rest = markup.split(">", 1)
     head = re.sub(r' (width|height)="[^"]*"', "", head)
-    return f'{head} role="img" aria-label="{name}">{rest}'
+    return f'{head} role="img" aria-label="{escape(alternative or name)}">{rest}'
 
 
 def _two_lines(label: str, unit_of: str = "") -> str:

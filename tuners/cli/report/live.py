@@ -27,7 +27,7 @@ SLOWEST, FASTEST = 0.4, 2.5
 """Crossovers that the page offers, in the target's."""
 
 _KNOWN = 9  # crossovers at which the recording's knowledge is computed
-_DIGITS = 11
+_DIGITS, _FEWER_DIGITS = 11, 4
 _MOST_DELAY = 10  # samples beyond the target's
 
 
@@ -107,6 +107,7 @@ def live(result: Result, log: Log, tuner: str) -> dict[str, Any] | None:
         },
         "range": {"slowest": slowest, "fastest": fastest, "delay": _MOST_DELAY},
         "known": _known(result, slowest, fastest),
+        "doubt": _doubt(result),
     }
 
 
@@ -149,6 +150,15 @@ def _known(result: Result, slowest: float, fastest: float) -> dict[str, Any] | N
     }
 
 
+def _doubt(result: Result) -> list[list[float]] | None:
+    """What the recording leaves open of the pulse response, for 90 % bands."""
+    if result.response is None:
+        return None
+    half = np.array([interval.high - interval.value for interval in result.intervals.values()])
+    found = result.response.doubt(np.array(list(result.gains.values())), half)
+    return None if found is None else [_rounded(row, _FEWER_DIGITS) for row in found]
+
+
 def _program(result: Result) -> str | None:
     """The C program of a PI with ``@NAME@`` for its numbers; None where it cannot be written."""
     try:
@@ -165,5 +175,5 @@ def _program(result: Result) -> str | None:
     return text
 
 
-def _rounded(values: Array) -> list[float]:
-    return [float(f"{value:.{_DIGITS}g}") for value in values]
+def _rounded(values: Array, digits: int = _DIGITS) -> list[float]:
+    return [float(f"{value:.{digits}g}") for value in values]

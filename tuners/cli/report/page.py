@@ -91,13 +91,27 @@ def render(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> st
         units=gain_units(plant),
         checks=tables.checks(result),
         setup=tables.setup(result, log, tuner, logs),
-        svg={name: figures.svg(picture, name) for name, picture in drawn.items()},
+        svg={name: figures.svg(picture, name, _seen(name)) for name, picture in drawn.items()},
     )
 
 
 KINDS = "input", "output"
+PICTURES = {
+    "whole": "The whole log, and the part of it that is used",
+    "bode": "Magnitude and phase of the open loop, and its margins",
+    "auto": "Correlation of the residual with itself, and the band of white noise",
+    "cross": "Correlation of the residual with the input, and its band",
+}
+RECORDING = "Input, measured and simulated output, and residual over time"
+LOOP = "Responses of the closed loop over time"
+"""What pictures show, for whom cannot see them."""
+
 RESPONSES = "Step of the reference by 1", "Disturbance of the input by 1"
 """Titles of a loop's responses where the plant names none."""
+
+
+def _seen(name: str) -> str:
+    return PICTURES.get(name) or (LOOP if name.startswith("responses") else RECORDING)
 
 
 def _title(plant: Plant, log: Log) -> str:

@@ -196,29 +196,47 @@ const Loop = (() => {
     ];
   }
 
-  /* Output after a step of the reference, and after one of the plant's input; from rest. */
+  const convolved = (pulse, input, k) => {
+    let sum = 0;
+    for (let i = Math.max(1, k - input.length + 1), last = Math.min(k, pulse.length - 1); i <= last; i++) sum += pulse[i] * input[k - i];
+    return sum;
+  };
+
+  /* Outputs y and inputs x of the plant in the loop, from rest, for the reference, and what is
+     added to the input and to the output, by sample; NaN from where the output runs away. */
+  function simulated({pulse, Ts}, C, delay, samples, reference, disturbance, added = () => 0) {
+    const {b, a} = difference(C, Ts), [y, x, u, e] = Array.from({length: 4}, () => new Float64Array(samples));
+    for (let k = 0; k < samples; k++) {
+      y[k] = convolved(pulse, x, k) + added(k);
+      if (!(Math.abs(y[k]) < 1e6)) return {y: y.fill(NaN, k), x};
+      e[k] = reference - y[k];
+      let command = 0;
+      for (let i = 0; i < b.length && i <= k; i++) command += b[i] * e[k - i];
+      for (let i = 1; i < a.length && i <= k; i++) command -= a[i] * u[k - i];
+      u[k] = command;
+      x[k] = (k >= delay ? u[k - delay] : 0) + disturbance;
+    }
+    return {y, x};
+  }
+
+  const EVENTS = {step: [1, 0], disturbance: [0, 1]};  // of the reference, and of the plant's input
+
+  /* Output after either event. */
   function responses(model, C, delay, samples) {
-    const {pulse, Ts} = model, {b, a} = difference(C, Ts);
-    const respond = (reference, disturbance) => {
-      const y = new Float64Array(samples), u = new Float64Array(samples), e = new Float64Array(samples);
-      const input = new Float64Array(samples);
-      for (let k = 0; k < samples; k++) {
-        let output = 0;
-        for (let i = Math.max(1, k - pulse.length + 1 > 0 ? k - pulse.length + 1 : 1); i <= k; i++) {
-          output += pulse[i] * input[k - i];
-        }
-        y[k] = output;
-        e[k] = reference - output;
-        let command = 0;
-        for (let i = 0; i < b.length && i <= k; i++) command += b[i] * e[k - i];
-        for (let i = 1; i < a.length && i <= k; i++) command -= a[i] * u[k - i];
-        u[k] = command;
-        input[k] = (k >= delay ? u[k - delay] : 0) + disturbance;
-        if (!(Math.abs(y[k]) < 1e6)) return y.fill(NaN, k);
-      }
-      return y;
-    };
-    return {step: respond(1, 0), disturbance: respond(0, 1)};
+    return Object.fromEntries(Object.entries(EVENTS).map(([name, event]) => [name, simulated(model, C, delay, samples, ...event).y]));
+  }
+
+  /* Half widths of the bands of `responses`; null where the recording does not tell.  A change d of
+     the pulse response changes the output by d * x through the loop's sensitivity, so by d * (that
+     applied to x). */
+  function halfWidths(model, C, delay, samples) {
+    if (!model.doubt) return null;
+    return Object.fromEntries(Object.entries(EVENTS).map(([name, event]) => {
+      const {x} = simulated(model, C, delay, samples, ...event);
+      const {y} = simulated(model, C, delay, samples, 0, 0, (k) => x[k]);
+      const squares = Float64Array.from(y, (_, k) => model.doubt.reduce((sum, pulse) => sum + convolved(pulse, y, k) ** 2, 0));
+      return [name, squares.map(Math.sqrt)];
+    }));
   }
 
   /* Whether the loop is stable: its phase runs below -180 degrees nowhere above magnitude 1 at the
@@ -229,7 +247,7 @@ const Loop = (() => {
     return late.every((value) => Math.abs(value) < 10);
   }
 
-  return {KINDS, controller, design, deviations, difference, gains, loop, margins, pi, plant, polar, responses, spread, stable};
+  return {KINDS, controller, design, deviations, difference, gains, halfWidths, loop, margins, pi, plant, polar, responses, spread, stable};
 })();
 
 if (typeof module !== "undefined") module.exports = Loop;

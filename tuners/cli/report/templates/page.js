@@ -10,7 +10,7 @@
   let state = {...fresh};
 
   const fixed = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits).replace("-", "−") : "none");
-  const plain = (value) => (Number.isFinite(value) ? String(Number(value.toPrecision(6))) : "none");
+  const plain = (value, n = 6) => (Number.isFinite(value) ? String(Number(value.toPrecision(n))) : "none");
   const untouched = () => Object.keys(fresh).every((name) => state[name] === fresh[name]);
 
   /* The answer where nothing was moved, else rule R around the model behind it. */
@@ -25,6 +25,8 @@
     return {C, found, drawn, stable: Loop.stable(found, drawn), spread: Loop.spread(model, C, state.delay, found)};
   }
 
+  const factors = (model.known || {factors: [NaN, NaN]}).factors;  // half widths of 90 % intervals, in deviations
+
   /* Charts */
   const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const SYNC = uPlot.sync("frequency");
@@ -33,16 +35,34 @@
   function axis(label, more = {}) {
     return {
       label, stroke: () => style("--ink"), font: "12px system-ui", labelFont: "12px system-ui", labelSize: 18,
-      grid: {stroke: () => style("--line"), width: 1}, ticks: {stroke: () => style("--line"), width: 1}, size: 46, ...more,
+      grid: {stroke: () => style("--line"), width: 1}, ticks: {stroke: () => style("--line"), width: 1}, size: 52, ...more,
     };
   }
 
   const HERTZ = (u, ticks) => ticks.map((v) => (v == null ? null : String(Number(v.toPrecision(3)))));
 
-  function chart(name, height, options, data) {
-    const host = find(name);
+  /* Under a chart: what its lines are, and their values where the pointer is. */
+  function key(host, entries) {
+    const line = document.createElement("p");
+    line.className = "key";
+    const parts = entries.map(([name]) => {
+      const part = document.createElement("span");
+      part.className = name;
+      line.append(part);
+      return part;
+    });
+    host.after(line);
+    return (u) => parts.forEach((part, i) => {
+      const [name, told] = entries[i], text = told(u, u.cursor.idx);
+      part.replaceChildren(...(text && name !== "at" ? [document.createElement("i")] : []), text);
+    });
+  }
+
+  function chart(name, height, {hooks = {}, ...options}, data, entries) {
+    const host = find(name), tell = entries ? key(host, entries) : () => {};
     const plot = new uPlot({
-      width: host.clientWidth, height, legend: {show: true, live: true}, cursor: {drag: {x: false, y: false}}, ...options,
+      width: host.clientWidth, height, legend: {show: false}, cursor: {drag: {x: false, y: false}}, ...options,
+      hooks: {...hooks, setCursor: [tell], setData: [tell]},
     }, data, host);
     charts.push({plot, host, height});
     return plot;
@@ -50,7 +70,19 @@
 
   const LINE = {width: 2, points: {show: false}};
   const loopLine = () => style("--loop"), other = () => style("--other");
-  const digits = (n) => (u, v) => (v == null ? "–" : fixed(v, n));
+  const HIDDEN = {stroke: "transparent", points: {show: false}};
+  const BAND = {fill: () => style("--band")};
+
+  /* What a key says of a line, and of a band between two. */
+  const line = (label, index, n, unit = "") => (u, at) => {
+    const value = at == null ? null : u.data[index][at];
+    return `${typeof label === "function" ? label() : label}${value == null ? "" : ` ${fixed(value, n)}${unit}`}`;
+  };
+  const band = (low, high, n) => (u, at) => {
+    if (!u.data[low].some((v) => v != null)) return "";
+    const [from, to] = at == null ? [null, null] : [u.data[low][at], u.data[high][at]];
+    return from == null ? "90 %" : `90 % ${fixed(from, n)} to ${fixed(to, n)}`;
+  };
 
   function dashed(u, at, horizontal) {
     const {ctx, bbox} = u, place = u.valToPos(at, horizontal ? "y" : "x", true);
@@ -68,16 +100,19 @@
   const marks = (level, at) => ({drawAxes: [(u) => { dashed(u, level, true); const x = at(); if (Number.isFinite(x)) dashed(u, x, false); }]});
   const frequency = {time: false, distr: 3};
 
-  const HIDDEN = {stroke: "transparent", points: {show: false}, value: () => "", class: "unseen"};
+  const hertz = model.omega.map((w) => w / (2 * Math.PI));
 
-  function bode(name, label, series, level, at, scale, bottom) {
+  function bode(name, label, unit, level, at, scale, bottom) {
     return chart(name, 190, {
-      bands: [{series: [3, 2], fill: () => style("--band")}],
-      scales: {x: frequency, y: scale}, cursor: {sync: {key: SYNC.key}, drag: {x: false, y: false}}, hooks: marks(level, at),
+      bands: [{series: [3, 2], ...BAND}],
+      scales: {x: {...frequency, range: () => [hertz[0], hertz[hertz.length - 1]]}, y: scale},
+      cursor: {sync: {key: SYNC.key}, drag: {x: false, y: false}}, hooks: marks(level, at),
       axes: [axis(bottom, {values: HERTZ, size: bottom ? 34 : 20}), axis(label)],
-      series: [{label: "Hz", value: (u, v) => (v == null ? "–" : plain(v))}, {label: series, stroke: loopLine, ...LINE, value: digits(1)},
-        {label: "low", ...HIDDEN}, {label: "high", ...HIDDEN}],
-    }, [[0.1, 1], [0, 0], [0, 0], [0, 0]]);
+      series: [{}, {stroke: loopLine, ...LINE}, HIDDEN, HIDDEN],
+    }, [[0.1, 1], [0, 0], [0, 0], [0, 0]], [
+      ["at", (u, i) => (i == null ? "" : `${plain(u.data[0][i], 3)} Hz`)],
+      ["this", line("this loop", 1, 1, unit)], ["band", band(2, 3, 1)],
+    ]);
   }
 
   /* A range about a middle, so that circles are round: 3.2 units over the shorter side. */
@@ -98,7 +133,7 @@
     };
     const series = (label, stroke, more = {}) => ({label, stroke, width: 2, paths: path, points: {show: false}, facets: [{scale: "x", auto: true}, {scale: "y", auto: true}], ...more});
     return chart("nyquist", 300, {
-      mode: 2, legend: {show: false}, cursor: {show: false},
+      mode: 2, cursor: {show: false},
       scales: {x: {time: false, range: (u) => around(u, -0.5, u.bbox.width)}, y: {range: (u) => around(u, -0.3, u.bbox.height)}},
       axes: [axis("real part", {size: 34}), axis("imaginary part")],
       series: [{}, series("loop", loopLine), series("unit circle", () => style("--muted"), {width: 1, dash: [4, 4]}),
@@ -106,18 +141,25 @@
     }, [null, ...Array(4).fill([[0, 0], [0, 0]])]);
   }
 
+  let sides = [["slower", NaN], ["faster", NaN]];  // loops beside the chosen one, and their crossovers
+  const side = (i) => () => (Number.isFinite(sides[i][1]) ? `${sides[i][0]}, ${fixed(sides[i][1], 2)} Hz` : "");
+
   function response(name, label) {
+    const thin = (dash) => ({stroke: other, width: 1.5, dash, points: {show: false}});
     return chart(name, 220, {
+      bands: [{series: [5, 4], ...BAND}],
       axes: [axis("time [s]", {size: 34}), axis(label)], scales: {x: {time: false}},
-      series: [{label: "s", value: digits(2)}, {label: "this loop", stroke: loopLine, ...LINE, value: digits(3)},
-        {label: "slower", stroke: other, width: 1, dash: [6, 4], points: {show: false}, value: digits(3)},
-        {label: "faster", stroke: other, width: 1, dash: [2, 3], points: {show: false}, value: digits(3)}],
-    }, [[0, 1], [0, 0], [0, 0], [0, 0]]);
+      series: [{}, {stroke: loopLine, ...LINE}, thin([6, 4]), thin([2, 3]), HIDDEN, HIDDEN],
+    }, [[0, 1], ...Array(5).fill([0, 0])], [
+      ["at", (u, i) => (i == null ? "" : `${fixed(u.data[0][i], 2)} s`)],
+      ["this", line("this loop", 1, 3)], ["band", band(4, 5, 3)],
+      ["slower", line(side(0), 2, 3)], ["faster", line(side(1), 3, 3)],
+    ]);
   }
 
   const plots = {
-    magnitude: bode("magnitude", "magnitude [dB]", "dB", 0, () => now && now.found.crossover, {range: (u, low, high) => [Math.max(low, -50), Math.min(high, 50)]}, ""),
-    phase: bode("phase", "phase [deg]", "deg", -180, () => now && now.found.crossover, {range: (u, low, high) => [Math.max(low, -300), Math.max(high, -30)]}, "frequency [Hz]"),
+    magnitude: bode("magnitude", "magnitude [dB]", " dB", 0, () => now && now.found.crossover, {range: (u, low, high) => [Math.max(low, -50), Math.min(high, 50)]}, ""),
+    phase: bode("phase", "phase [deg]", "°", -180, () => now && now.found.crossover, {range: (u, low, high) => [Math.max(low, -300), Math.max(high, -30)]}, "frequency [Hz]"),
     nyquist: nyquist(),
     step: response("step", names.output),
     disturbance: response("disturbance", names.output),
@@ -128,22 +170,24 @@
     return [turns.map((t) => x + r * Math.cos(t)), turns.map((t) => y + r * Math.sin(t))];
   };
 
+  const edges = (values, half) => [-1, 1].map((sign) => values.map((v, i) => (v != null && half && Number.isFinite(half[i]) ? v + sign * half[i] : null)));
+
   function draw(others) {
-    const hertz = model.omega.map((w) => w / (2 * Math.PI));
     const grid = model.omega.map((w) => Loop.loop(model, now.C, w, state.delay));
     const known = hertz.map((f) => Loop.deviations(model, f));
-    for (const [name, part, unit] of [["magnitude", 0, 20 / Math.LN10], ["phase", 1, 180 / Math.PI]]) {
-      const values = grid.map((v) => v[part] * unit), half = known.map((d) => 1.645 * d[part] * unit);
-      const edge = (sign) => values.map((v, i) => (Number.isFinite(half[i]) ? v + sign * half[i] : null));
-      plots[name].setData([hertz, values, edge(-1), edge(1)]);
+    for (const [name, part, unit, factor] of [["magnitude", 0, 20 / Math.LN10, factors[1]], ["phase", 1, 180 / Math.PI, factors[0]]]) {
+      const values = grid.map((v) => v[part] * unit);
+      plots[name].setData([hertz, values, ...edges(values, known.map((d) => factor * d[part] * unit))]);
     }
     const points = grid.map((v) => Loop.polar(...v)).filter(([re, im]) => Math.hypot(re, im) < 20);
     plots.nyquist.setData([null, [points.map((p) => p[0]), points.map((p) => p[1])], circle(0, 0, 1),
       circle(-1, 0, now.found.modulusMargin), circle(-1, 0, 0.01)]);
     const time = Array.from(now.drawn.step, (_, k) => k * Ts);
-    const shown = (values) => Array.from(values, (v) => (Number.isFinite(v) ? v : null)).slice(0, time.length);
+    const shown = (values) => time.map((_, k) => (Number.isFinite(values[k]) ? values[k] : null));
+    const half = now.stable ? Loop.halfWidths(model, now.C, state.delay, time.length) : null;
     for (const name of ["step", "disturbance"]) {
-      plots[name].setData([time, shown(now.drawn[name]), ...others.map((o) => (o ? shown(o.drawn[name]) : time.map(() => null)))]);
+      const values = shown(now.drawn[name]);
+      plots[name].setData([time, values, ...others.map((o) => shown(o ? o.drawn[name] : [])), ...edges(values, half && half[name])]);
     }
   }
 
@@ -161,11 +205,11 @@
     return `u[k] = ${[...past, ...errors].join(" ")}`.replace("= + ", "= ").replace("1 u[", "u[");
   }
 
-  function gainText(C) {
+  function gainText(C, n) {
     const g = Loop.gains(C);
-    const parts = [`Kp ${plain(g.Kp)}${names.gain ? ` ${names.gain}` : ""}`];
-    if (g.Ki) parts.push(`Ti ${plain(g.Ti)} s`);
-    if (g.Kd) parts.push(`Td ${plain(g.Kd / g.Kp)} s`, `Tf ${plain(C.Tf)} s`);
+    const parts = [`Kp ${plain(g.Kp, n)}${names.gain ? ` ${names.gain}` : ""}`];
+    if (g.Ki) parts.push(`Ti ${plain(g.Ti, n)} s`);
+    if (g.Kd) parts.push(`Td ${plain(g.Kd / g.Kp, n)} s`, `Tf ${plain(C.Tf, n)} s`);
     return parts.join(", ");
   }
 
@@ -189,17 +233,31 @@
 
   const SPEEDS = [["slow", 1 / 1.5], ["medium", 1], ["fast", 1.5]];
 
-  function row(cells, head) {
-    const line = document.createElement("tr");
-    cells.forEach((content, i) => {
-      const cell = document.createElement(i === 0 ? "th" : "td");
-      if (i === 0) cell.scope = "row";
-      if (i) cell.className = i === 2 && cells.length === 3 ? "words" : "number";
+  /* A table's row: its name, a number, what is said of it; or a number for each label. */
+  function row([name, ...cells], labels) {
+    const made = document.createElement("tr"), head = document.createElement("th");
+    head.scope = "row";
+    head.textContent = name;
+    made.append(head, ...cells.map((content, i) => {
+      const cell = document.createElement("td");
+      cell.className = i && !labels ? "words" : "number";
+      if (labels) cell.dataset.label = labels[i];
       cell.textContent = content;
-      line.append(cell);
-    });
-    if (head) line.className = "current";
-    return line;
+      return cell;
+    }));
+    return made;
+  }
+
+  const COLUMNS = [...find("speeds").parentElement.querySelectorAll("thead th")].slice(1).map((cell) => cell.textContent);
+  const overshoot = (step) => Math.max(0, ...step) - 1;
+
+  function speedRow({name, crossover, it}) {
+    const values = !it ? ["none"] : !it.stable ? [gainText(it.C, 4), "unstable"] : [
+      gainText(it.C, 4), `${fixed(it.found.phaseMargin, 1)}°`, fixed(it.found.modulusMargin, 2), `${fixed(1e3 * it.found.delayMargin, 0)} ms`,
+      it.C.rho && Loop.gains(it.C).Ki ? `${fixed(100 * Math.max(overshoot(it.drawn.step), 0), 0)} %` : "none"];
+    const made = row([`${name}, ${fixed(crossover, 2)} Hz`, ...COLUMNS.map((_, i) => values[i] || "")], COLUMNS);
+    if (name === "medium") made.className = "current";
+    return made;
   }
 
   function speeds() {
@@ -228,23 +286,22 @@
     }
     const three = speeds();
     now = evaluated(C);
-    const {found, spread} = now, limits = (model.known || {factors: [NaN, NaN]}).factors;
+    const {found, spread} = now;
     message.textContent = !now.stable ? "The loop is unstable."
       : C.limited ? `A ${state.kind} cannot supply the phase here: phase margin is given up.` : "";
     find("gains").textContent = gainText(C);
     find("equation").textContent = equation(C);
     const rows = [
-      ["Phase margin", `${fixed(found.phaseMargin, 1)}°`, interval("phase", found.phaseMargin, spread[0], limits[0], 2)],
-      ["Crossover", `${fixed(found.crossover, 2)} Hz`, interval("crossover", found.crossover, spread[1], limits[1], 3)],
+      ["Phase margin", `${fixed(found.phaseMargin, 1)}°`, interval("phase", found.phaseMargin, spread[0], factors[0], 2)],
+      ["Crossover", `${fixed(found.crossover, 2)} Hz`, interval("crossover", found.crossover, spread[1], factors[1], 3)],
       ["Gain margin", `${fixed(found.gainMargin, 1)} dB`, ""],
-      ["Modulus margin", fixed(found.modulusMargin, 2), `largest sensitivity ${fixed(1 / found.modulusMargin, 2)}`],
+      ["Modulus margin", fixed(found.modulusMargin, 2), ""],
+      ["Largest sensitivity", fixed(1 / found.modulusMargin, 2), ""],
       ["Delay margin", `${fixed(1e3 * found.delayMargin, 0)} ms`, ""],
     ];
     find("margins").replaceChildren(...rows.map((cells) => row(cells)));
-    find("speeds").replaceChildren(...three.map(({name, crossover, it}) => row([
-      `${name}, ${fixed(crossover, 2)} Hz`, ...(it ? [gainText(it.C), ...(it.stable ? [`${fixed(it.found.phaseMargin, 1)}°`, fixed(it.found.modulusMargin, 2),
-        `${fixed(1e3 * it.found.delayMargin, 0)} ms`] : ["unstable", "", ""])] : ["none", "", "", ""]),
-    ], name === "medium")));
+    find("speeds").replaceChildren(...three.map(speedRow));
+    sides = [["slower", three[0]], ["faster", three[2]]].map(([name, {crossover, it}]) => [name, it ? crossover : NaN]);
     find("copy-c").hidden = program(C) === null;
     draw([three[0].it, three[2].it]);
   }
@@ -281,7 +338,14 @@
     }
   }));
 
-  const resized = () => charts.forEach(({plot, host, height}) => plot.setSize({width: host.clientWidth, height}));
+  const PAPER = 310;  // half of a printed page, in CSS pixels
+  function sized(widthOf) {
+    charts.forEach(({plot, host, height}) => plot.setSize({width: widthOf(host), height}));
+    queueMicrotask(() => plots.nyquist.setData(plots.nyquist.data));  // its circles stay round
+  }
+  const resized = () => sized((host) => host.clientWidth);
+  addEventListener("beforeprint", () => sized(() => PAPER));
+  addEventListener("afterprint", resized);
   new ResizeObserver(resized).observe(section);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach(({plot}) => plot.redraw()));
   document.documentElement.classList.add("script");
