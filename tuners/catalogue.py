@@ -20,6 +20,7 @@ from tuners.tuner.against_bound import judge
 from tuners.tuner.direct import FictitiousReference, VirtualReference
 from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
+from tuners.tuner.notes import hidden
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import BlackBoxRule, GrayBox, Nominal, Oracle
 from tuners.tuner.stages import Recipe, Stages
@@ -201,8 +202,9 @@ def from_file(path: str | os.PathLike[str], plant: Plant | None = None) -> Tuner
         _check_arrays(arrays)
         method = kinds[settings["method"]].from_file(settings, arrays)
         factors = [_factors(settings, n, found) for n in ("calibration", "exact_calibration")]
-        validation.instance("training", settings["training"], dict, remedy="")
-        tuner = Tuner(found, method, settings["training"], *factors)
+        training = validation.instance("training", settings["training"], dict, remedy="")
+        hidden(training.get("hides", ()))
+        tuner = Tuner(found, method, training, *factors)
         _try(tuner)
         return tuner
 

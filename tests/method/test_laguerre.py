@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from tuners.features.integrated import Integrated
 from tuners.features.laguerre import Laguerre
 from yawrate_env.signals.excitation import prbs
 
@@ -62,6 +63,17 @@ def test_gram_matrix_from_its_first_row(kind, N):
     scale = np.trace(phi @ phi.transpose(0, 2, 1), axis1=1, axis2=2)[:, None, None]
     np.testing.assert_allclose(gram / scale, phi @ phi.transpose(0, 2, 1) / scale, atol=1e-14)
     np.testing.assert_allclose(right, (phi @ u[::-1, :, None])[..., 0], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("basis", [Laguerre(7), Integrated(3, 5.0)])
+@pytest.mark.parametrize("count", [1, 17])
+def test_averages_are_those_of_the_filtered_inputs(basis, count):
+    u, size = np.random.default_rng(7).standard_normal((count, 500)), 7
+    blocks = basis.regressors(u, TS)[..., : 500 // size * size].reshape(
+        count, basis.order, -1, size
+    )
+    found = basis.averages(u, TS, size)
+    np.testing.assert_allclose(found, blocks.mean(axis=-1), atol=1e-12 * np.abs(blocks).max())
 
 
 @pytest.mark.parametrize("inputs", ["shared", "own"])

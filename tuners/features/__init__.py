@@ -26,6 +26,10 @@ class Features(Protocol):
     any_experiment: ClassVar[bool]
     """Whether features depend neither on the input nor on the sampling time."""
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, n) of inputs (1 or B, N) and outputs (B, N), and where they are usable."""
 

@@ -147,6 +147,11 @@ class Armax:
 
     any_experiment: ClassVar[bool] = False
 
+    @property
+    def width(self) -> int:
+        """Number of features."""
+        return _P
+
     def __call__(
         self, u: NDArray[np.float64], y: NDArray[np.float64], Ts: float
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

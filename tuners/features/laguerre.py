@@ -20,19 +20,21 @@ with s after the last sample; for eight functions that halves the pass.
 """
 
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from typing import Any, ClassVar
+from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.features.laguerre_passes import averages_of, filtered, outputs, sums_of
 from yawrate_env import validation
-from yawrate_env.compiled import LANES, kernel, over_blocks
+from yawrate_env.compiled import LANES, over_blocks
 
 Array = NDArray[np.float64]
 
 _SERIAL, _SERIAL_ROW = 2**18, 9_000  # multiplications that OpenBLAS does not share out yet
 _EPISODES = 16
+_FEW = 4  # inputs, for which lanes do not pay
 _LARGEST_KEPT = 2**18  # numbers: the experiment of an environment, asked about again and again
 
 
@@ -118,18 +120,24 @@ class Laguerre:
         driven, a = self.driven(u, Ts), self._discrete_pole(Ts)
         weights = np.ascontiguousarray(weights)
         found = np.zeros((*weights.shape[:2], u.shape[1]))
-        over_blocks(lambda i, j: _outputs(driven[i:j], weights[i:j], a, found[i:j]),
+        over_blocks(lambda i, j: outputs(driven[i:j], weights[i:j], a, found[i:j]),
                     len(weights), LANES)  # fmt: skip
         return found
 
-    def normal_equations(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
-        """Both sides, (1 or B, order + E, order + E) and (B, order + E); as for `coefficients`."""
+    def normal_equations(
+        self, u: Array, y: Array, Ts: float, extra: Array, orthonormal: bool = False
+    ) -> tuple[Array, Array]:
+        """Both sides, (1 or B, order + E, order + E) and (B, order + E); as for `coefficients`.
+
+        Inner products of extra signals that are orthonormal need not be summed.
+        """
+        inner = np.eye(len(extra)) if orthonormal else products(extra, extra)
         if len(u) > 1:
-            return self._own_inputs(u, y, Ts, extra)
+            return self._own_inputs(u, y, Ts, extra, inner)
         phi, gram = self._shared(u, Ts)
         if len(extra):
             across = products(phi, extra)
-            gram = np.block([[gram, across], [across.T, products(extra, extra)]])
+            gram = np.block([[gram, across], [across.T, inner]])
             phi = np.concatenate([phi, extra])
         return gram[None], _right_sides(phi, y)
 
@@ -140,9 +148,24 @@ class Laguerre:
     def regressors(self, u: Array, Ts: float) -> Array:
         """Filtered inputs, (E, order, N)."""
         out = np.zeros((len(u), self.order, u.shape[1]))
-        for row, filtered in zip(self.driven(u, Ts), out, strict=True):
-            _filter(row, self._discrete_pole(Ts), filtered)
+        for row, signals in zip(self.driven(u, Ts), out, strict=True):
+            filtered(row, self._discrete_pole(Ts), signals)
         return out
+
+    def averages(self, u: Array, Ts: float, size: int) -> Array:
+        """Filtered inputs, averaged over `size` samples each, (E, order, N // size)."""
+        if len(u) < _FEW:
+            return averaged(self.regressors(u, Ts), size)
+        run, a, rows = averages_of(self.order), self._discrete_pole(Ts), 2 * self.order + 2
+        driven, found = self.driven(u, Ts), np.empty((len(u), self.order, u.shape[1] // size))
+
+        def one_block(i: int, j: int) -> None:
+            averages = np.empty((*found.shape[1:], LANES))
+            run(driven, _lanes(i, j), a, size, np.zeros(rows * LANES), averages)
+            found[i:j] = averages.transpose(2, 0, 1)[: j - i]
+
+        over_blocks(one_block, len(u), LANES)
+        return found
 
     def driven(self, u: Array, Ts: float) -> Array:
         """What the functions filter: inputs (E, N) themselves."""
@@ -153,16 +176,18 @@ class Laguerre:
         kept = _kept if self.order * u.shape[1] <= _LARGEST_KEPT else _of_input
         return kept(self, u.tobytes(), Ts)
 
-    def _own_inputs(self, u: Array, y: Array, Ts: float, extra: Array) -> tuple[Array, Array]:
+    def _own_inputs(
+        self, u: Array, y: Array, Ts: float, extra: Array, inner: Array
+    ) -> tuple[Array, Array]:
         """`normal_equations` of episodes with an input each."""
         n, a = self.order, self._discrete_pole(Ts)
-        run, rows = _pass(n, len(extra)), 3 * n + 4 + len(extra) * (n + 1)
+        run, rows = sums_of(n, len(extra)), 3 * n + 4 + len(extra) * (n + 1)
         u = self.driven(u, Ts)
         sums = np.empty((len(y), rows))
 
         def one_block(i: int, j: int) -> None:
-            episodes, work = np.minimum(np.arange(i, i + LANES), j - 1), np.zeros(rows * LANES)
-            run(u, y, episodes, extra, a, work)
+            work = np.zeros(rows * LANES)
+            run(u, y, _lanes(i, j), extra, a, work)
             sums[i:j] = work.reshape(rows, LANES).T[: j - i]
 
         over_blocks(one_block, len(y), LANES)
@@ -177,11 +202,16 @@ class Laguerre:
             gram[:, i, i:n] = gram[:, i:n, i] = row
         gram[:, n:, :n] = cross[:, :, :n]
         gram[:, :n, n:] = cross[:, :, :n].transpose(0, 2, 1)
-        gram[:, n:, n:] = products(extra, extra) if len(extra) else 0.0
+        gram[:, n:, n:] = inner
         return gram, np.concatenate([right, cross[:, :, n]], axis=1)
 
     def _discrete_pole(self, Ts: float) -> float:
         return float(np.exp(-self.pole * Ts))
+
+
+def _lanes(start: int, stop: int) -> NDArray[np.int64]:
+    """Episodes of a block, the last of them repeated in lanes that are left."""
+    return np.minimum(np.arange(start, start + LANES), stop - 1)
 
 
 def _of_input(functions: Laguerre, u: bytes, Ts: float) -> tuple[Array, Array]:
@@ -219,6 +249,13 @@ def lifted(gram: Array) -> Array:
     return np.asarray(gram + np.where(trace > 0, 1e-14 * trace, 1.0) * np.eye(gram.shape[-1]))
 
 
+def averaged(signals: Array, size: int) -> Array:
+    """Means (..., N // size) of as many samples each."""
+    N = signals.shape[-1] // size
+    blocks = signals[..., : N * size].reshape(*signals.shape[:-1], N, size)
+    return np.asarray(np.einsum("...ns->...n", blocks) / size)  # a fifth of the time of a mean
+
+
 def products(a: Array, b: Array) -> Array:
     """``a @ b.T`` of long rows, in parts so small that BLAS does not share them out.
 
@@ -245,87 +282,3 @@ def _columns(rows: int, columns: int) -> int:
     """How many columns at a time; a single row is shared out sooner than a matrix."""
     serial = _SERIAL_ROW if min(rows, columns) == 1 else _SERIAL
     return max(serial // max(rows * columns, 1), 1)
-
-
-@kernel
-def _filter(u: NDArray[np.float64], a: float, out: NDArray[np.float64]) -> None:
-    """Fill (order, N), of which the first column is zero."""
-    gain = np.sqrt(1.0 - a * a)
-    for k in range(1, len(u)):
-        out[0, k] = a * out[0, k - 1] + gain * u[k - 1]
-        for i in range(1, len(out)):
-            out[i, k] = a * out[i, k - 1] + out[i - 1, k - 1] - a * out[i - 1, k]
-
-
-@kernel
-def _outputs(
-    u: NDArray[np.float64], weights: NDArray[np.float64], a: float, out: NDArray[np.float64]
-) -> None:
-    """Fill (B, m, N), of which the first column is zero, from inputs (B, N), weights (B, m, n)."""
-    gain, state = np.sqrt(1.0 - a * a), np.empty(weights.shape[2])
-    for b in range(len(weights)):
-        state[:] = 0.0
-        for k in range(1, u.shape[1]):
-            held = state[0]
-            state[0] = a * held + gain * u[b, k - 1]
-            for i in range(1, len(state)):
-                before = state[i]
-                state[i] = a * before + held - a * state[i - 1]
-                held = before
-            for j in range(weights.shape[1]):
-                total = 0.0
-                for i in range(len(state)):
-                    total += weights[b, j, i] * state[i]
-                out[b, j, k] = total
-
-
-@cache
-def _pass(order: int, extras: int) -> Any:
-    """Compile the pass over ``LANES`` episodes; numbers known to the compiler vectorise.
-
-    The workspace, in rows of one number a lane: the filtered inputs, the measurement, the
-    input now and before, a filter's previous output; then the sums of the filtered
-    inputs times the first and times the measurement, and those of each further regressor
-    times the filtered inputs and the measurement.
-    """
-    MEASURED, INPUT, BEFORE, HELD, FIRST, RIGHT, CROSS = (
-        row * LANES
-        for row in (order, order + 1, order + 2, order + 3, order + 4, 2 * order + 4, 3 * order + 4)
-    )
-    SIGNALS = (order + 1) * LANES
-
-    @kernel
-    def run(
-        u: NDArray[np.float64],
-        y: NDArray[np.float64],
-        episodes: NDArray[np.int64],
-        extra: NDArray[np.float64],
-        a: float,
-        work: NDArray[np.float64],
-    ) -> None:
-        gain = np.sqrt(1.0 - a * a)
-        for k in range(u.shape[1]):
-            for lane in range(LANES):
-                work[BEFORE + lane] = work[INPUT + lane]
-                work[INPUT + lane] = u[episodes[lane], k]
-                work[MEASURED + lane] = y[episodes[lane], k]
-            for lane in range(LANES):
-                work[HELD + lane] = work[lane]
-                work[lane] = a * work[lane] + gain * work[BEFORE + lane]
-                work[FIRST + lane] += work[lane] * work[lane]
-                work[RIGHT + lane] += work[lane] * work[MEASURED + lane]
-            for i in range(1, order):
-                for lane in range(LANES):
-                    at = i * LANES + lane
-                    before = work[at]
-                    now = a * before + work[HELD + lane] - a * work[at - LANES]
-                    work[HELD + lane] = before
-                    work[at] = now
-                    work[FIRST + at] += now * work[lane]
-                    work[RIGHT + at] += now * work[MEASURED + lane]
-            for j in range(extras):
-                e = extra[j, k]
-                for i in range(SIGNALS):
-                    work[CROSS + j * SIGNALS + i] += e * work[i]
-
-    return run

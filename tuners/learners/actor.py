@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.plant.parametrisation import scale_to_bounds
+from yawrate_env.validation import count, finite_array
 
 Array = NDArray[np.float64]
 
@@ -60,10 +61,24 @@ class Actor:
 
     @classmethod
     def of(cls, arrays: dict[str, NDArray[Any]], hidden: str, squashed: bool) -> Self:
-        """Rebuild from `arrays`, among which there may be others."""
+        """Rebuild from `arrays`, among which there may be others.
+
+        ``ValueError`` where these do not go together.
+        """
         depth = sum(name.startswith("weight") for name in arrays)
-        layers = [(arrays[f"weight{i}"], arrays[f"bias{i}"]) for i in range(depth)]
+        count("number of layers", depth, remedy="Give one or more.")
+        layers, width = [], None
+        for weight, bias in ((f"weight{i}", f"bias{i}") for i in range(depth)):
+            rows = finite_array(weight, arrays[weight], shape=(None, width))
+            finite_array(bias, arrays[bias], shape=(len(rows),))
+            layers.append((arrays[weight], arrays[bias]))
+            width = len(rows)
         return cls(layers, hidden, squashed)
+
+    @property
+    def widths(self) -> tuple[int, int]:
+        """Numbers of features and of actions."""
+        return self.layers[0][0].shape[1], len(self.layers[-1][1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +122,12 @@ class Agent:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray[Any]]) -> Self:
-        """Rebuild from `arrays`."""
+        """Rebuild from `arrays`, or ``ValueError`` where these do not go together."""
         hidden = "tanh" if arrays["tanh"].item() else "relu"
         actor = Actor.of(arrays, hidden, bool(arrays["squashed"].item()))
+        n, m = actor.widths
+        for name, width in zip(_OTHERS, (n, n, m, m), strict=True):
+            finite_array(name, arrays[name], shape=(width,))
+        if not (arrays["scale"] > 0).all() or not (arrays["low"] < arrays["high"]).all():
+            raise ValueError("scale must be positive, and low below high.")
         return cls(actor, *(arrays[name] for name in _OTHERS))

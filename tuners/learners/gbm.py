@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.learners.batches import Batches, Progress
+from tuners.learners.trees import check_booster
 from yawrate_env.compiled import cores
 from yawrate_env.validation import finite_array
 
@@ -152,9 +153,14 @@ class GBM:
 
         targets = len(finite_array("mean", arrays["mean"], shape=(None,)))
         finite_array("scale", arrays["scale"], shape=(targets,))
-        models = []
-        for k in range(len(arrays["mean"])):
+        models, widths = [], set()
+        for name in (f"model{k}.ubj" for k in range(targets)):
+            finite_array(name, arrays[name], shape=(None,))
+            content = arrays[name].astype(np.uint8, casting="safe").tobytes()
+            widths.add(check_booster(name, content))
             model = xgboost.Booster()
-            model.load_model(bytearray(arrays[f"model{k}.ubj"].tobytes()))
+            model.load_model(bytearray(content))
             models.append(model)
+        if len(widths) != 1:
+            raise ValueError(f"mean: its {targets} models have {sorted(widths)} features.")
         return cls(models, arrays["mean"], arrays["scale"])

@@ -119,7 +119,10 @@ class Trend:
         monomials = 1 + k + (k * (k + 1) // 2 if degree == 2 else 0)
         finite_array("mean", own["mean"], shape=(n,))
         finite_array("coefficients", own["coefficients"], shape=(monomials, None))
-        return cls(**own, degree=degree, rest=_RESTS[name].from_arrays(rest))
+        learner = _RESTS[name].from_arrays(rest)
+        if learner.width != k:
+            raise ValueError(f"matrix has {k} columns, and the learner {learner.width} features.")
+        return cls(**own, degree=degree, rest=learner)
 
 
 def polynomial(x: Array, degree: int) -> Array:

@@ -254,7 +254,7 @@ def black_box(
     if not plant.linear and start == "auto":
         levels = (len(Z),) if plant.initial else (1,)
     Z = Z[: levels[-1]]
-    gram, right = functions.normal_equations(u, y, Ts, Z)
+    gram, right = functions.normal_equations(u, y, Ts, Z, orthonormal=True)
     energy = np.einsum("bn,bn->b", y, y)
     equations = _Equations(gram, right, n)
     best, spectra = _level(equations, energy, levels[0]), None

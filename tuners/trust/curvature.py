@@ -20,15 +20,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features.laguerre import combined, lifted, products
+from tuners.features.laguerre import averaged, combined, lifted, products
 from tuners.trust.black_box import BlackBox, free_responses
 from tuners.trust.fast_length import fast_length
 from tuners.trust.noise_spectrum import spectra_of
+from yawrate_env.compiled import LANES
 
 Array = NDArray[np.float64]
 
 _TERMS = 4
 _TOGETHER = 16  # recordings
+_INPUTS = LANES // 2  # which fill the lanes with their cubes
 _SAMPLES = 60  # a period of the crossover: as many tell all that bends
 _ROUNDING = 1e-6  # of a term's energy: two levels of a signal, where nothing tells
 
@@ -76,7 +78,9 @@ class Curvature:
         terms[:, 1:] = _of_output(slow, y)
         for own in range(len(model.u)):
             of = np.arange(own, B, len(model.u))
-            phi, cubed = _functions(model, own, size)
+            if own % _INPUTS == 0:
+                known = _functions(model, slice(own, own + _INPUTS), size)
+            phi, cubed = known[own % _INPUTS]
             terms[of, 0] = combined(model.coefficients[of], cubed)
             for rows, free in _alike(model, of, error.shape[1], size):
                 linear = np.concatenate([phi, free])
@@ -103,13 +107,6 @@ class Curvature:
         return cls(shifts, sizes)
 
 
-def averaged(signals: Array, size: int) -> Array:
-    """Means (..., N // size) of as many samples each."""
-    N = signals.shape[-1] // size
-    blocks = signals[..., : N * size].reshape(*signals.shape[:-1], N, size)
-    return np.asarray(np.einsum("...ns->...n", blocks) / size)  # a fifth of the time of a mean
-
-
 def _alike(
     model: BlackBox, of: NDArray[np.intp], N: int, size: int
 ) -> Iterator[tuple[NDArray[np.intp], Array]]:
@@ -123,14 +120,15 @@ def _alike(
             yield rows, free
 
 
-def _functions(model: BlackBox, i: int, size: int) -> tuple[Array, Array]:
-    """The model's regressors (n, N) of one input, and of its cube, averaged.
+def _functions(model: BlackBox, inputs: slice, size: int) -> Array:
+    """The model's regressors (E, 2, n, N) of some inputs, and of their cubes, averaged.
 
     The cube is nothing new of an input of two levels.
     """
-    u = model.u[i]
-    phi = model.functions.regressors(np.stack([u, _scaled(u) ** 3]), model.Ts)
-    return averaged(phi[0], size), averaged(phi[1], size)
+    u = model.u[inputs]
+    signals = np.stack([u, _scaled(u) ** 3], axis=1).reshape(-1, u.shape[1])
+    found = model.functions.averages(signals, model.Ts, size)
+    return found.reshape(len(u), 2, *found.shape[1:])
 
 
 def _of_output(model: BlackBox, output: Array) -> Array:

@@ -1,6 +1,7 @@
 """Findings of the checks: what each compares, for B recordings at once."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,13 +144,13 @@ class Findings:
         found = answers(asked, u, y, step * Ts, functions)
         if reference is not None:
             return {"reference": self.of("reference", np.abs(found).max(axis=1))}
-        return {"feedback": self.of("feedback", (-self._sign * found).max(axis=1))}
+        return {"feedback": self.of("feedback", (-_sign(self.plant) * found).max(axis=1))}
 
-    @property
-    def _sign(self) -> float:
-        """Of the plant's gain: how the output in mid-prior follows a step."""
-        stepped = self.plant.respond(self.plant.middle, np.ones(len(self.plant.u)))[0]
-        return float(np.sign(stepped.mean()))
+
+@lru_cache(maxsize=8)
+def _sign(plant: Plant) -> float:
+    """Of the plant's gain: how the output in mid-prior follows a step."""
+    return float(np.sign(plant.respond(plant.middle, np.ones(len(plant.u)))[0].mean()))
 
 
 def implausible(plant: Plant, u: Array, y: Array) -> Array:

@@ -6,6 +6,8 @@ An estimate by white least squares keeps its value and gets the covariance that 
 frequency weighted inversely to the noise there (generalised least squares).
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,27 +66,32 @@ def weighted(
     signals = np.concatenate([phi, Z[: model.extra[i]], model.y[i][None]])
     length, n = fast_length(N), len(phi)
     sides = _sides(length // 2 + 1)
-    X = _stacked(np.fft.rfft(signals, length) * np.sqrt(sides / length))
-    spectrum = np.tile(spectrum, 2)
+    X = _apart(np.fft.rfft(signals, length) * np.sqrt(sides / length))
+    near = np.arange(len(sides)) / (length * model.Ts * crossover)
+    here = (near > _NEAR[0]) & (near < _NEAR[1])
+    band, ends = np.searchsorted(_BANDS, near), X[..., [0, -1]]
+    grams, level = _by_bands(X, band), np.ones(len(_BANDS) + 1)
+    level[band] = spectrum
+    rest, count = [*range(n), -1], np.bincount(band, minlength=len(level))
     for _ in range(_WEIGHINGS):
-        gram = products(X / spectrum, X)
+        gram = np.einsum("kij,k->ij", grams, 1 / level)
         inverse = np.asarray(np.linalg.pinv(gram[n:-1, n:-1], hermitian=True), np.float64)
-        rest = [*range(n), -1]
-        Y = X[rest] - combined((inverse @ gram[n:-1][:, rest]).T, X[n:-1])
-        reduced = lifted(products(Y / spectrum, Y))
+        apart = np.eye(len(signals))[rest]  # the signals without what the free ones explain
+        apart[:, n:-1] = -(inverse @ gram[n:-1][:, rest]).T
+        reduced = lifted(apart @ gram @ apart.T)
         found = most_likely(reduced[None, :-1, :-1], reduced[None, :-1, -1], reduced[-1:, -1],
                             np.ones(1))  # fmt: skip
         c = found.coefficients[0]
-        error = Y[-1] - combined(c[None], Y[:-1])[0]
-        taken = np.add(_leverage(found.estimator[0], Y[:-1]), _leverage(inverse, X[n:-1]))
-        power = _folded(error**2) * length / N / sides
-        left = np.maximum(1 - taken / spectrum[: len(sides)] / sides, 0.0)
-        spectrum = np.tile(_banded(model, power, left, length, crossover), 2)
-    near = np.arange(len(left)) / (length * model.Ts * crossover)
-    here = (near > _NEAR[0]) & (near < _NEAR[1])
-    freedom = max(2 * left[here].sum(), 1.0)
-    level = spectrum[: len(sides)][here].mean()
-    stronger = level > _STRONG * power.mean() * model.oversampled
+        weights = (np.append(-c, 1.0) @ apart)[None]
+        power = sum(combined(weights, part)[0] ** 2 for part in X) * length / N / sides
+        taken = apart[:-1].T @ found.estimator[0] @ apart[:-1]
+        taken[n:-1, n:-1] += inverse
+        used = np.einsum("kij,ij->k", grams, taken) / 2
+        used[band[[0, -1]]] += _leverage(taken, ends) / 2  # each stands for one frequency
+        left_here = np.maximum(1 - _leverage(taken, X[..., here]) / 2 / level[band[here]], 0.0)
+        level = _levels(power, band, np.maximum(count - used / level, 0.0))
+    freedom = max(2 * left_here.sum(), 1.0)
+    stronger = level[band[here]].mean() > _STRONG * power.mean() * model.oversampled
     doubt = (1 + (_FEW / freedom) ** 2) ** 2 if stronger else 1.0
     J = response_slopes(c[None], at)
     middle = found.estimator @ reduced[None, :-1, :-1] @ found.estimator + found.hidden
@@ -113,28 +120,30 @@ def spectra_of(
     return np.where(coloured, level, overall)[:, band], coloured[:, :-1].any(axis=1)
 
 
-def _banded(model: BlackBox, power: Array, left: Array, length: int, crossover: float) -> Array:
-    """Noise spectrum (F,) of a residual's power, of which a fit has left a share (F,) over."""
-    frequency = np.arange(len(power)) / (length * model.Ts * crossover)
-    band = np.searchsorted(_BANDS, frequency)
-    freedom = np.bincount(band, left, len(_BANDS) + 1)
-    sums = np.bincount(band, power, len(_BANDS) + 1)
-    return np.asarray(((sums + power.sum() / len(power)) / np.maximum(freedom - 1, 0.5))[band])
+def _apart(X: Complex) -> Array:
+    """Real and imaginary parts (2, m, F) of transforms (m, F)."""
+    return np.stack([X.real, X.imag])
 
 
-def _stacked(X: Complex) -> Array:
-    """Real parts, then imaginary parts, (m, 2F): inner products of these are those of signals."""
-    return np.concatenate([X.real, X.imag], axis=1)
+def _by_bands(X: Array, band: NDArray[np.intp]) -> Array:
+    """Inner products (bands, m, m) of transforms (2, m, F) in bands of frequencies that follow."""
+    grams = np.zeros((len(_BANDS) + 1, X.shape[1], X.shape[1]))
+    edges = np.searchsorted(band, np.arange(len(grams) + 1))
+    for gram, (first, last) in zip(grams, pairwise(edges), strict=True):
+        for part in X[..., first:last]:
+            gram += products(part, part)
+    return grams
 
 
-def _folded(values: Array) -> Array:
-    """Sums (F,) over real and imaginary parts (2F,)."""
-    return np.asarray(values.reshape(2, -1).sum(axis=0))
+def _levels(power: Array, band: NDArray[np.intp], left: Array) -> Array:
+    """Noise in bands by a residual's power (F,), of which a fit has left so many frequencies."""
+    sums = np.bincount(band, power, len(left))
+    return np.asarray((sums + power.sum() / len(power)) / np.maximum(left - 1, 0.5))
 
 
 def _leverage(inverse: Array, X: Array) -> Array:
-    """What a fit takes from each frequency (F,), by its inverse normal matrix."""
-    return _folded((X * combined(inverse, X)).sum(axis=0))
+    """What a fit takes from each frequency (F,) of (2, m, F), by its inverse normal matrix."""
+    return np.asarray(np.einsum("cif,cif->f", X, inverse @ X))
 
 
 def _sides(count: int) -> Array:

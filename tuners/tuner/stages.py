@@ -152,10 +152,16 @@ class Stages:
 
     @classmethod
     def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
-        """Rebuild from what was saved."""
+        """Rebuild from what was saved, or ``ValueError`` where the stages do not go together."""
+        features = features_named(**settings["features"])
+        learner = LEARNERS[settings["learner"]].from_arrays(arrays)
+        if features.width > learner.width:
+            raise ValueError(
+                f"{features.width} features are more than the learner's {learner.width}."
+            )
         return cls(
-            features_named(**settings["features"]),
-            LEARNERS[settings["learner"]].from_arrays(arrays),
+            features,
+            learner,
             validation.one_of("parametrisation", settings["parametrisation"], PARAMETRISATIONS),
         )
 

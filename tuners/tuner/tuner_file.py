@@ -27,6 +27,8 @@ FORMAT = "yawrate-tuner"
 VERSION = 1
 SUFFIX = ".tuner"
 
+_LARGEST = 2**28  # bytes
+
 
 class TunerFileError(ValueError):
     """A file that is not a usable tuner."""
@@ -70,7 +72,7 @@ def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArra
     if hashlib.sha256(body).hexdigest() != words[2]:
         raise TunerFileError(f"{path} is damaged: its checksum does not agree. Copy it again.")
     try:
-        packed = lzma.decompress(body)
+        packed = _unpacked(body)
         size = int.from_bytes(packed[:8], "little")
         metadata = json.loads(packed[8 : 8 + size])["__metadata__"]
         settings, arrays = dict(json.loads(metadata["settings"])), load(packed)
@@ -79,6 +81,16 @@ def read(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, NDArra
     ) as error:  # fmt: skip
         raise TunerFileError(f"{path} cannot be read: {error}. Train it again.") from None
     return settings, arrays
+
+
+def _unpacked(body: bytes) -> bytes:
+    """What is packed, or ``ValueError`` where it is cut short or larger than any tuner."""
+    unpacking = lzma.LZMADecompressor()
+    content = unpacking.decompress(body, _LARGEST)
+    if not unpacking.eof:
+        more = "more than any tuner has" if len(content) == _LARGEST else "and ends early"
+        raise ValueError(f"it unpacks to {len(content)} bytes {more}.")
+    return content
 
 
 @contextmanager
