@@ -60,11 +60,21 @@ def clipped(command: Array, step: float, rng: np.random.Generator) -> Array:
 
 
 def sticking(command: Array, step: float, rng: np.random.Generator) -> Array:
-    """A valve that follows each change of the command up to `_STUCK` seconds late."""
-    given, changes = command.copy(), np.flatnonzero(np.diff(command)) + 1
-    for at in changes:
-        until = at + int(rng.uniform(0, _STUCK) / step)
-        given[at:until] = given[at - 1]
+    """A valve that follows a change of the command up to `_STUCK` seconds late."""
+    return _stuck(command, step, rng, 1.0)
+
+
+def sticking_at_times(command: Array, step: float, rng: np.random.Generator) -> Array:
+    """The same at every third change, on average."""
+    return _stuck(command, step, rng, 1 / 3)
+
+
+def _stuck(command: Array, step: float, rng: np.random.Generator, share: float) -> Array:
+    given, until = command.copy(), 0
+    for at in np.flatnonzero(np.diff(command)) + 1:
+        if at >= until and rng.uniform() < share:
+            until = at + int(rng.uniform(0, _STUCK) / step)
+            given[at:until] = given[at - 1]
     return given
 
 
@@ -95,6 +105,7 @@ FAULTS = (
     Fault("offset", offset=0.3),
     Fault("drift", drift=0.5),
     Fault("valve up to 7 s late", valve=sticking),
+    Fault("valve up to 7 s late, at times", valve=sticking_at_times),
     Fault("valve with friction", valve=rubbing),
     Fault("equal-percentage valve", valve=curved),
 )
