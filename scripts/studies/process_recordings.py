@@ -71,7 +71,7 @@ def sticking_at_times(command: Array, step: float, rng: np.random.Generator) -> 
 
 def _stuck(command: Array, step: float, rng: np.random.Generator, share: float) -> Array:
     given, until = command.copy(), 0
-    for at in np.flatnonzero(np.diff(command)) + 1:
+    for at in (np.flatnonzero(np.diff(command)) + 1).tolist():
         if at >= until and rng.uniform() < share:
             until = at + int(rng.uniform(0, _STUCK) / step)
             given[at:until] = given[at - 1]

@@ -30,7 +30,13 @@ from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.pi_loop import GAINS, PILoop
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.responses import ClosedLoop
-from yawrate_env.signals.excitation import multilevel, multisine, prbs
+from yawrate_env.signals.excitation import (
+    RANDOM_ORDER,
+    SAME_ORDER,
+    multilevel,
+    multisine,
+    prbs,
+)
 
 Array = NDArray[np.float64]
 Matrices = Callable[[Array], tuple[Array, Array, Array]]
@@ -102,12 +108,13 @@ class Experiment:
     def input(self) -> Array:
         """What is applied, (N,)."""
         timing = self.N, self.Ts, self.bit_time, self.amplitude
-        order = {} if self.order is None else {"order": self.order}
         if self.kind == "multisine":
-            return multisine(*timing)[0]
-        if self.levels > 2:
-            return multilevel(*timing, self.levels, **order)[0]
-        return prbs(*timing, **order)[0]
+            u = multisine(*timing)
+        elif self.levels > 2:
+            u = multilevel(*timing, self.levels, order=self.order or RANDOM_ORDER)
+        else:
+            u = prbs(*timing, order=self.order or SAME_ORDER)
+        return np.asarray(u[0])
 
 
 Given = Experiment | Mapping[str, Any]

@@ -166,7 +166,7 @@ def _places(
     # The small shift keeps k Ts / bit_time from falling just short of a whole number.
     bit = np.floor(np.arange(N) * Ts / bit_time + 1e-9).astype(np.int64)
     starts = np.zeros(1, dtype=np.int64) if start is None else (start % period).astype(np.int64)
-    return (starts[:, None] + bit) % period
+    return np.asarray((starts[:, None] + bit) % period)
 
 
 @cache
