@@ -231,7 +231,7 @@ class Tuner:
         used = found.model.u[i % len(found.model.u)]
         said = notes.projected(given, used, found.model.Ts)
         said += notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
-        return self.answer(climbed, found, i, why, said, given.y.shape[1] * given.Ts, slopes)
+        return self.answer(climbed, found, i, why, said, given.y.shape[-1] * given.Ts, slopes)
 
     def answer(
         self,
@@ -334,7 +334,7 @@ class Tuner:
         validation.count("number of episodes", len(recording), remedy="Give one or more.")
         remedy = "Slower samples do not show what the plant does: record faster."
         validation.number("Ts", recording.Ts, at_most=slowest(plant), remedy=remedy)
-        samples = recording.y.shape[1] * recording.Ts / plant.Ts
+        samples = recording.y.shape[-1] * recording.Ts / plant.Ts
         remedy = "Cut to the best part, or decimate."
         validation.number("number of samples at the tuner's Ts", samples, at_most=LONGEST,
                           remedy=remedy)  # fmt: skip
@@ -344,7 +344,7 @@ class Tuner:
             start = "unknown"  # what went before is in the loop; coloured noise hides it from tests
         used = self._opened(recording, theta, start)
         model = black_box(plant, self.black_box, used.u, used.y, start, used.oversampled)
-        own = self.gains(replace(used, y=model.y))
+        own = self.gains(replace(used, y=plant.unstacked(model.y)))
         still = self._still(used) if method.needs_excitation else np.zeros(len(used), np.bool_)
         fitted = fit(plant, model, used.y, theta)
         target = plant.loop_target
@@ -442,22 +442,26 @@ class Tuner:
         return found.without(self._still(recording)) if self.method.needs_excitation else found
 
     def _still(self, recording: Recording) -> NDArray[np.bool_]:
-        """Which recordings (B,) have a constant input or output.
+        """Which recordings (B,) have a constant input or output, of several any.
 
         A constant input is a step from rest if the experiment holds one as long.
         """
         input, output, held = self._scales
-        step = recording.y.shape[1] * recording.Ts <= held * (1 + 1e-9)
-        u = np.abs(recording.u).max(axis=1) if step else np.ptp(recording.u, axis=1)
-        return np.asarray((u <= _STILL * input) | (np.ptp(recording.y, axis=1) <= _STILL * output))
+        step = recording.y.shape[-1] * recording.Ts <= held * (1 + 1e-9)
+        u = np.abs(recording.u).max(axis=-1) if step else np.ptp(recording.u, axis=-1)
+        still = u <= _STILL * input, np.ptp(recording.y, axis=-1) <= _STILL * output
+        one, other = (s if s.ndim == 1 else s.any(axis=1) for s in still)
+        return np.asarray(one | other)
 
     @cached_property
-    def _scales(self) -> tuple[float, float, float]:
-        """Largest input and output of the experiment, and how long it holds an input [s]."""
+    def _scales(self) -> tuple[Array, Array, float]:
+        """Largest inputs and outputs of the experiment, and how long it holds an input [s]."""
         u = self.plant.u
-        turns = np.flatnonzero(np.diff(u, prepend=np.nan, append=np.nan))
-        longest = np.diff(turns).max(initial=1) * self.plant.Ts
-        return np.abs(u).max(), np.ptp(self.plant.respond(self.plant.middle)), longest
+        held = (np.flatnonzero(np.diff(row, prepend=np.nan, append=np.nan))
+                for row in np.atleast_2d(u))  # fmt: skip
+        longest = max(np.diff(turns).max(initial=1) for turns in held) * self.plant.Ts
+        y = self.plant.respond(self.plant.middle)[0]
+        return np.abs(u).max(axis=-1), np.ptp(y, axis=-1), longest
 
     def known(self, theta: Array) -> NDArray[np.bool_]:
         """Which recordings (B,) have measured parameters that the tuner was made for."""
@@ -489,10 +493,12 @@ def _open_loop(gains: Array, found: Assessment, i: int) -> OpenLoop | None:
 
 def _between(given: Recording, found: Assessment) -> Array:
     """Relative error of a spline through the fitted plant's output at a slow log's samples."""
-    simulated, Ts = found.fit.simulated, found.model.Ts
-    times, at = Ts * np.arange(simulated.shape[1]), given.Ts * np.arange(given.y.shape[1])
+    simulated, Ts, N = found.fit.simulated, found.model.Ts, given.y.shape[-1]
+    simulated = simulated.reshape(given.y[..., 0].size, -1)
+    times, at = Ts * np.arange(simulated.shape[1]), given.Ts * np.arange(N)
     seen = np.stack([np.interp(at, times, row) for row in simulated])
-    drawn = replace(given, y=seen).resampled(Ts).y
+    drawn = replace(given, u=np.zeros((1, N)), y=seen, reference=None).resampled(Ts).y
     with np.errstate(divide="ignore", invalid="ignore"):
         missed = np.mean((drawn - simulated[:, : drawn.shape[1]]) ** 2, axis=1)
-        return np.asarray(np.sqrt(missed / simulated.var(axis=1)))
+        relative = np.sqrt(missed / simulated.var(axis=1))
+        return np.asarray(relative.reshape(len(given), -1).max(axis=1))
