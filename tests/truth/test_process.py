@@ -8,6 +8,7 @@ from yawrate_env import plants
 from yawrate_env.loop.simc import half_rule, simc
 from yawrate_env.plant import LogRange
 from yawrate_env.plant.entry import find, from_toml
+from yawrate_env.signals.excitation import multisine, prbs
 
 EIGHTHS = 8
 SYSTEMS = {
@@ -78,11 +79,25 @@ def test_a_file_of_ranges_is_enough(tmp_path):
     assert plant.closed_loop(theta[0], plant.oracle(theta)[0]).open is not None
 
 
+def test_experiments_have_the_input_that_is_asked_for():
+    four = plants.fopdt(experiment={"levels": 4, "amplitude": 3.0})
+    np.testing.assert_allclose(np.unique(four.u), [-3.0, -1.0, 1.0, 3.0])
+    assert find(four.entry, arguments=four.arguments).u.tolist() == four.u.tolist()
+    sines = plants.fopdt(experiment={"kind": "multisine"}).u
+    np.testing.assert_array_equal(sines, multisine(600, 1.0, 20.0, 1.0)[0])
+    longer = plants.sopdt(experiment={"order": 9}).u
+    np.testing.assert_array_equal(longer, prbs(600, 1.0, 20.0, 1.0, order=9)[0])
+
+
 @pytest.mark.parametrize("arguments, name", [
     ({"tau_c": 0.0}, "tau_c"),
     ({"experiment": {"Ts": 0.0}}, "Ts"),
     ({"experiment": {"Tz": 1.0}}, "experiment's setting = 'Tz'"),
     ({"experiment": 3}, "experiment"),
+    ({"experiment": {"kind": "noise"}}, "kind"),
+    ({"experiment": {"levels": 1}}, "levels"),
+    ({"experiment": {"levels": 3, "kind": "multisine"}}, "levels"),
+    ({"experiment": {"order": 21}}, "order"),
     ({"K": (2.0, 1.0)}, "K"),
 ])  # fmt: skip
 def test_bad_arguments_are_named(arguments, name):

@@ -66,13 +66,18 @@ class Laguerre:
         return self.order
 
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
-        """Features (B, order) of episodes sampled at `Ts` [s], and which are usable (B,)."""
-        if y.shape[1] < 10 * self.order:
+        """Features (B, order) of episodes sampled at `Ts` [s], and which are usable (B,).
+
+        Of m inputs (1 or B, m, N) and q outputs (B, q, N) they are (B, q m order), those of the
+        first output first, and of the first input first among these.
+        """
+        N, least = y.shape[-1], 10 * self.order * (u.shape[1] if u.ndim == 3 else 1)
+        if least > N:
             raise ValueError(
-                f"{y.shape[1]} samples are too few for {self.order} Laguerre coefficients; "
-                f"at least {10 * self.order} are needed. Record for longer."
+                f"{N} samples are too few for {least // 10} Laguerre coefficients; "
+                f"at least {least} are needed. Record for longer."
             )
-        values = self.coefficients(u, y, Ts, np.empty((0, y.shape[1])))
+        values = self.coefficients(u, y.reshape(-1, N), Ts, np.empty((0, N))).reshape(len(y), -1)
         return values, np.asarray(np.isfinite(values).all(axis=1) & excites(u))
 
     def coefficients(self, u: Array, y: Array, Ts: float, extra: Array) -> Array:
@@ -115,8 +120,11 @@ class Laguerre:
     def outputs(self, u: Array, weights: Array, Ts: float) -> Array:
         """Outputs (B, m, N) of m models each, weights (B, m, order), for inputs (1 or B, N)."""
         if len(u) == 1:
-            rows = combined(weights.reshape(-1, self.order), self._shared(u, Ts)[0])
+            rows = combined(weights.reshape(-1, weights.shape[2]), self._shared(u, Ts)[0])
             return rows.reshape(*weights.shape[:2], -1)
+        if u.ndim == 3:
+            pairs = zip(u[:, None], weights[:, None], strict=True)
+            return np.concatenate([self.outputs(own, some, Ts) for own, some in pairs])
         driven, a = self.driven(u, Ts), self._discrete_pole(Ts)
         weights = np.ascontiguousarray(weights)
         found = np.zeros((*weights.shape[:2], u.shape[1]))
@@ -129,9 +137,17 @@ class Laguerre:
     ) -> tuple[Array, Array]:
         """Both sides, (1 or B, order + E, order + E) and (B, order + E); as for `coefficients`.
 
-        Inner products of extra signals that are orthonormal need not be summed.
+        Of several inputs (1 or R, m, N) the functions are m order.  Outputs (R, N) that follow
+        each other have the same inputs where there are more outputs than those.  Inner products
+        of extra signals that are orthonormal need not be summed.
         """
         inner = np.eye(len(extra)) if orthonormal else products(extra, extra)
+        if u.ndim == 3 and len(u) > 1:
+            each = len(y) // len(u)
+            rows = zip(u[:, None], y.reshape(len(u), each, -1), strict=True)
+            sides = [self.normal_equations(own, some, Ts, extra, orthonormal) for own, some in rows]
+            gram, right = (np.concatenate(side) for side in zip(*sides, strict=True))
+            return gram.repeat(each, axis=0), right
         if len(u) > 1:
             return self._own_inputs(u, y, Ts, extra, inner)
         phi, gram = self._shared(u, Ts)
@@ -173,6 +189,9 @@ class Laguerre:
 
     def _shared(self, u: Array, Ts: float) -> tuple[Array, Array]:
         """Regressors (order, N) of one input (1, N) and their Gram matrix (order, order)."""
+        if u.ndim == 3:
+            phi = self.regressors(u[0], Ts).reshape(-1, u.shape[2])
+            return phi, products(phi, phi)
         kept = _kept if self.order * u.shape[1] <= _LARGEST_KEPT else _of_input
         return kept(self, u.tobytes(), Ts)
 
@@ -235,8 +254,12 @@ def _right_sides(phi: Array, y: Array) -> Array:
 
 
 def excites(u: Array) -> NDArray[np.bool_]:
-    """Which inputs (B, N) excite a recorded output; the last sample comes too late."""
-    return np.asarray(u[:, :-1].any(axis=1))
+    """Which inputs (B, N) excite a recorded output; the last sample comes too late.
+
+    Of several inputs (B, m, N) all must.
+    """
+    moving = np.asarray(u[..., :-1].any(axis=-1))
+    return moving if u.ndim == 2 else np.asarray(moving.all(axis=1))
 
 
 def lifted(gram: Array) -> Array:

@@ -15,6 +15,7 @@ trend and the free responses it may bend at a few times that are always the same
 
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,9 @@ class BlackBox:
         (B or 1, n, n) inverse of their covariance for noise of variance one.
     residual : NDArray
         (B,) sum of squares that is left.
+    rows : BlackBox, optional
+        Of q outputs their B q models, those of one recording after each other; here, all outputs
+        are stacked (`yawrate_env.plant.channels`).
     kept : int
         How many of the signals of `free_responses` were fitted and not subtracted, since the plant
         is nonlinear.
@@ -95,6 +99,7 @@ class BlackBox:
     information: Array
     residual: Array
     kept: int = 0
+    rows: "BlackBox | None" = None
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
@@ -108,13 +113,24 @@ class BlackBox:
     def some(self, rows: NDArray[np.intp]) -> "BlackBox":
         """Some of the recordings."""
         batch = {f.name: getattr(self, f.name) for f in fields(self)}
-        of = {k: v if len(v) == 1 else v[rows] for k, v in batch.items() if np.ndim(v)}
-        return replace(self, **of)
+        of: dict[str, Any] = {
+            k: v if len(v) == 1 else v[rows] for k, v in batch.items() if isinstance(v, np.ndarray)
+        }
+        if self.rows is None:
+            return replace(self, **of)
+        each = len(self.rows.y) // len(self.y)
+        within = (each * rows[:, None] + np.arange(each)).ravel()
+        return replace(self, **of, rows=self.rows.some(within))
 
     def projected(self, signals: Array) -> Array:
         """Signals (B, m, N) without what offset, trend and free response could explain."""
         if not self.unknown.any():
             return signals
+        if self.rows is not None:
+            B, m, each = *signals.shape[:2], len(self.rows.y) // len(self.y)
+            apart = signals.reshape(B, m, each, -1).swapaxes(1, 2).reshape(B * each, m, -1)
+            left = self.rows.projected(apart).reshape(B, each, m, -1)
+            return left.swapaxes(1, 2).reshape(signals.shape)
         left = signals.copy()
         for count in np.unique(self.extra[self.unknown]).tolist():
             of = np.flatnonzero(self.extra == count)
@@ -147,8 +163,9 @@ def functions_for(plant: Plant) -> Laguerre:
     """
     if plant.black_box is not None:
         return basis(plant)(*plant.black_box)
-    for order in ORDERS:
-        functions = suited(plant, min(order, len(plant.u) // SAMPLES))
+    inputs = len(plant.inputs_named)
+    for order in (order // inputs for order in ORDERS):
+        functions = suited(plant, min(order, plant.samples // SAMPLES // inputs))
         if not plant.linear or functions.order < order or _hidden(plant, functions):
             break
     return functions
@@ -157,9 +174,10 @@ def functions_for(plant: Plant) -> Laguerre:
 def _hidden(plant: Plant, functions: Laguerre) -> bool:
     """Whether noise hides the part of clean outputs that free responses would explain."""
     y = plant.respond(sample(plant, _MORE_PLANTS))
+    sigma = plant.sigma(plant.stacked(y))
     fits = (black_box(plant, functions, plant.u[None], y, start) for start in ("rest", "unknown"))
     rest, moving = (fit.residual for fit in fits)
-    return bool((rest - moving <= _HIDDEN * plant.sigma(y) ** 2).all())
+    return bool((rest - moving <= _HIDDEN * sigma**2).all())
 
 
 def left_over(plant: Plant, functions: Laguerre) -> float:
@@ -170,14 +188,15 @@ def left_over(plant: Plant, functions: Laguerre) -> float:
     y = plant.respond(sample(plant, _PLANTS))
     start = "rest" if plant.linear else "auto"
     left = black_box(plant, functions, plant.u[None], y, start).residual
+    y = plant.stacked(y)
     return float(np.sqrt(left / (y.var(axis=1) * y.shape[1])).mean())
 
 
 def suited(plant: Plant, order: int) -> Laguerre:
     """Laguerre basis with the pole that explains the prior's noise-free outputs best."""
     y = plant.respond(sample(plant, _PLANTS))
-    energy = (y**2).sum(axis=1)
-    slowest, fastest = 2 / (len(plant.u) * plant.Ts), 1 / plant.Ts
+    energy = (plant.stacked(y) ** 2).sum(axis=1)
+    slowest, fastest = 2 / (plant.samples * plant.Ts), 1 / plant.Ts
     models = [basis(plant)(order, float(pole)) for pole in np.geomspace(slowest, fastest, _POLES)]
     fits = (black_box(plant, model, plant.u[None], y, "rest") for model in models)
     left = [(fit.residual / energy).mean() for fit in fits]
@@ -228,6 +247,8 @@ def black_box(
 ) -> BlackBox:
     """Fit recordings (1 or B, N), (B, N) and subtract the effect of initial state and offsets.
 
+    Of several channels, (1 or B, m, N) and (B, q, N), each output is fitted on all inputs.
+
     Parameters
     ----------
     start : {"auto", "rest", "offset", "unknown"}
@@ -237,18 +258,21 @@ def black_box(
         all of them if the plant names initial states.
     """
     validation.one_of("start", start, STARTS)
-    N, Ts = y.shape[1], plant.Ts
+    if y.ndim == 3:
+        return _of_each_output(plant, functions, u, y, start, oversampled)
+    N, Ts, inputs = y.shape[1], plant.Ts, 1 if u.ndim == 2 else u.shape[1]
     if plant.loop_target is None:  # its recordings may be shorter than the experiment
-        fewer = min(functions.order, max(N // SAMPLES, min(ORDERS)))
+        fewer = min(functions.order, max(N // SAMPLES // inputs, min(ORDERS) // inputs))
         functions = replace(functions, order=fewer)
-    n = functions.order
+    n = functions.order * inputs
     if N < SAMPLES * n:
         raise ValueError(
             f"{N} samples are too few, at least {SAMPLES * n} are needed. Record for longer."
         )
     Z, straight = free_responses(functions, N, Ts)
-    loads = len(Z) - n
-    moving = (loads + n // k for k in _SHARES if n // k > 1)
+    states = functions.order
+    loads = len(Z) - states
+    moving = (loads + states // k for k in _SHARES if states // k > 1)
     steps = sorted({0, 1, 2, loads, *moving})
     levels = {"rest": (0,), "offset": (1,), "unknown": (len(Z),)}.get(start, tuple(steps))
     if not plant.linear and start == "auto":
@@ -288,6 +312,28 @@ def black_box(
         functions, u, y - free, Ts, oversampled, removed, free, constant, trend,
         best.coefficients, best.information, best.residual,
         levels[-1] if plant.initial and start == "auto" else 0,
+    )  # fmt: skip
+
+
+def _of_each_output(
+    plant: Plant, functions: Laguerre, u: Array, y: Array, start: str, oversampled: float
+) -> BlackBox:
+    """Models of every output (B, q, N) from all inputs (1 or B, m, N)."""
+    B, q, N = y.shape
+    own = u if len(u) == 1 else u.repeat(q, axis=0)
+    apart = plant.stacked(y).reshape(B * q, N)
+    rows = black_box(plant, functions, own, apart, start, oversampled)
+
+    def together(values: Array) -> Array:
+        return values.reshape(B, -1)
+
+    straight = (together(values) / plant.weights[:, 0] for values in (rows.offset, rows.trend))
+    offset, trend = (v[np.arange(B), np.abs(v).argmax(axis=1)] for v in straight)
+    return replace(
+        rows, u=u, y=together(rows.y), extra=rows.extra.reshape(B, q).max(axis=1),
+        free=together(rows.free), offset=offset, trend=trend,
+        coefficients=together(rows.coefficients), information=rows.information[:1],
+        residual=together(rows.residual).sum(axis=1), rows=rows,
     )  # fmt: skip
 
 

@@ -40,7 +40,7 @@ def bounds(plant: Plant, theta: Array, u: Array | None = None) -> tuple[Array, A
     (van Trees' inequality, for a normal density of the same variance).
     """
     slopes = _whitened(plant, theta, output_slopes(plant, theta, u))
-    sigma, J = plant.sigma(plant.respond(theta, u)), metric_slopes(plant, theta)
+    sigma, J = plant.sigma(plant.answers(theta, u)), metric_slopes(plant, theta)
     variance = sigma[:, None, None] ** 2
     gram = slopes @ slopes.swapaxes(1, 2) + PRECISION * variance * np.eye(slopes.shape[1])
     informed = variance * np.linalg.pinv(gram, hermitian=True)
@@ -50,7 +50,7 @@ def bounds(plant: Plant, theta: Array, u: Array | None = None) -> tuple[Array, A
 def parameter_covariance(plant: Plant, theta: Array, u: Array | None = None) -> Array:
     """Least covariance of the unknown parameters, in widths of their ranges, (B, q, q)."""
     slopes = _whitened(plant, theta, output_slopes(plant, theta, u))
-    return covariance_of(slopes, plant.sigma(plant.respond(theta, u)))
+    return covariance_of(slopes, plant.sigma(plant.answers(theta, u)))
 
 
 def metric_slopes(plant: Plant, theta: Array) -> Array:

@@ -53,6 +53,7 @@ class Discrepancy:
         inverse: Array,
         white: Array,
         oversampled: float = 1.0,
+        outputs: int = 1,
     ) -> "Discrepancy":
         """Of fits' output errors (B, N), slopes (B, q, N) and simulated outputs (B, N).
 
@@ -64,6 +65,8 @@ class Discrepancy:
             Inverse normal matrices, and covariances for white noise of this power.
         oversampled : float
             Samples for each independent one.
+        outputs : int
+            How many there are, stacked.
         """
         quiet = np.minimum(_unpatterned(error, oversampled), noise)[:, None, None]
         ridge = noise[:, None, None] / UNIFORM * np.eye(slopes.shape[1])
@@ -75,15 +78,17 @@ class Discrepancy:
             return step, quiet * own @ (seen @ seen.swapaxes(1, 2)) @ own
 
         shifts, chance = [], []
-        for mask in _divisions(simulated):
+        for mask in _divisions(simulated, outputs):
             (one, by_one), (other, by_other) = fitted(_of(mask)), fitted(_of(~mask))
             shifts.append((one - other) / 2)  # how far either is from the whole
             chance.append((by_one + by_other) / 4)
-        seen = _without_line(slopes)
+        seen = _without_line(slopes, outputs)
         own = slopes @ seen.swapaxes(1, 2)
         shifts.append(2 * (inverse @ (seen @ error[..., None]))[..., 0])
         chance.append(4 * quiet * inverse @ (own - own @ inverse @ own) @ inverse)
-        more = inverse @ _coloured(error, slopes, noise) @ inverse
+        errors, parts = (np.split(each, outputs, axis=-1) for each in (error, slopes))
+        coloured = [_coloured(e, s, noise) for e, s in zip(errors, parts, strict=True)]
+        more = inverse @ np.sum(coloured, axis=0) @ inverse
         return cls(white + more, np.stack(shifts, axis=1), np.stack(chance, axis=1))
 
     def spread(self, J: Array) -> Array:
@@ -98,10 +103,12 @@ class Discrepancy:
         return np.asarray(np.maximum(beyond, 0.0).max(axis=1))
 
 
-def _divisions(simulated: Array) -> tuple[NDArray[np.bool_], ...]:
+def _divisions(simulated: Array, outputs: int) -> tuple[NDArray[np.bool_], ...]:
     """Late and high samples of outputs (B, N), each half of a recording; (1 or B, 1, N)."""
-    late = np.arange(simulated.shape[1]) >= simulated.shape[1] // 2
-    high = simulated > np.median(simulated, axis=1, keepdims=True)
+    each = simulated.shape[1] // outputs
+    late = np.tile(np.arange(each) >= each // 2, outputs)
+    apart = simulated.reshape(len(simulated), outputs, each)
+    high = (apart > np.median(apart, axis=2, keepdims=True)).reshape(simulated.shape)
     return late[None, None], high[:, None]
 
 
@@ -116,11 +123,12 @@ def _unpatterned(error: Array, oversampled: float) -> Array:
     return np.asarray((changes**2).mean(axis=1) / 2 * oversampled)
 
 
-def _without_line(signals: Array) -> Array:
-    """Signals (B, m, N) without what a constant and a trend explain."""
-    N = signals.shape[2]
+def _without_line(signals: Array, outputs: int) -> Array:
+    """Signals (B, m, N) without what a constant and a trend of each output explain."""
+    N = signals.shape[2] // outputs
     Z, _ = np.linalg.qr(np.stack([np.ones(N), np.linspace(-1.0, 1.0, N)], axis=1))
-    return np.asarray(signals - (signals @ Z) @ Z.T)
+    parts = np.split(signals, outputs, axis=2)
+    return np.concatenate([part - (part @ Z) @ Z.T for part in parts], axis=2)
 
 
 def _solved(matrix: Array) -> Array:

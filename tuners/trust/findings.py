@@ -12,7 +12,7 @@ from tuners.trust.feedback import controller_samples
 from tuners.trust.fit import Fit, most_coloured
 from tuners.trust.innovations import answers
 from tuners.trust.limits import MESSAGES, Limits
-from tuners.trust.residuals import against_declared
+from tuners.trust.residuals import against_declared, each_output
 from tuners.trust.response import Response
 from tuners.trust.verdict import Finding
 from yawrate_env.plant.names import check_name, split
@@ -111,7 +111,7 @@ class Findings:
         left, most = (noise, _CONTRADICTED) if response is None else (response.noise, _ANOTHER)
         values = {
             "misfit": (_misfit(plant, model, found), most),
-            "noise": (np.sqrt(left / found.simulated.var(axis=1)), _NOISIEST),
+            "noise": (_noisiest(plant, found, left), _NOISIEST),
             "outside": (_outside(plant, found), self.second),
         }
         findings = {n: self.of(n, value, refusal=at) for n, (value, at) in values.items()}
@@ -135,7 +135,7 @@ class Findings:
         self, functions: Laguerre, u: Array, y: Array, Ts: float, reference: Array | None
     ) -> dict[str, Finding]:
         """Whether inputs answer outputs, or references do where there are some."""
-        if not self.plant.linear:
+        if not self.plant.linear or self.plant.channels is not None:
             return {}
         target = self.plant.loop_target
         step = 1 if target is None else max(int(target.Ts / Ts * (1 + _ROUNDED)), 1)
@@ -156,17 +156,33 @@ def _sign(plant: Plant) -> float:
 def implausible(plant: Plant, u: Array, y: Array) -> Array:
     """Largest input or output over the plausible one, (B,)."""
     largest = zip((u, y), plant.plausible, strict=True)
-    ratios = [np.abs(values).max(axis=1) / limit for values, limit in largest]
+    ratios = [np.abs(v.reshape(len(v), -1)).max(axis=1) / limit for v, limit in largest]
     return np.asarray(np.max(np.broadcast_arrays(*ratios), axis=0))
 
 
 def _misfit(plant: Plant, model: BlackBox, found: Fit) -> Array:
-    """Output that the black box explains and the fitted plant does not, beyond noise, relative."""
-    freedom = max(model.functions.order + model.kept - len(plant.unknown), 1)
-    excess = (found.residual**2).sum(axis=1) - model.residual
-    chance = found.noise * (freedom + _DOUBT * np.sqrt(2 * freedom))
-    energy = found.simulated.var(axis=1) * found.simulated.shape[1]
-    return np.asarray(np.sqrt(np.maximum(excess - chance, 0) / energy))
+    """Output that the black box explains and the fitted plant does not, beyond noise, relative.
+
+    Of several outputs the one of which that is most; each could have all the parameters to itself.
+    """
+    rows = model if model.rows is None else model.rows
+    residual, simulated = (each_output(plant, a) for a in (found.residual, found.simulated))
+    freedom = max(rows.coefficients.shape[1] + rows.kept - len(plant.unknown), 1)
+    excess = (residual**2).sum(axis=1) - rows.residual
+    noise = found.noise.repeat(len(residual) // len(found.noise))
+    chance = noise * (freedom + _DOUBT * np.sqrt(2 * freedom))
+    energy = simulated.var(axis=1) * simulated.shape[1]
+    values = np.sqrt(np.maximum(excess - chance, 0) / energy)
+    return np.asarray(values.reshape(len(found.residual), -1).max(axis=1))
+
+
+def _noisiest(plant: Plant, found: Fit, left: Array) -> Array:
+    """Residual over simulated output, root mean squares (B,), of several outputs the largest."""
+    if plant.channels is None:
+        return np.asarray(np.sqrt(left / found.simulated.var(axis=1)))
+    residual, simulated = (each_output(plant, a) for a in (found.residual, found.simulated))
+    ratio = np.sqrt((residual**2).mean(axis=1) / simulated.var(axis=1))
+    return np.asarray(ratio.reshape(len(left), -1).max(axis=1))
 
 
 def _response(crossover: float, model: BlackBox, found: Fit) -> Array:

@@ -74,13 +74,13 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     ----------
     model : BlackBox
         The reference model, which holds the recordings without initial state and offsets.
-    measured : (B, N) float64
+    measured : (B, N) or (B, q, N) float64
         Outputs as recorded.
     start : (B, p) float64
         Where the search starts, with the measured parameters of the recordings.
     """
     found = search(plant, model.u, model.y, start)
-    theta, limits = found.theta.copy(), plant.limits
+    theta, limits, measured = found.theta.copy(), plant.limits, plant.stacked(measured)
     settled, rows = ~model.unknown, np.flatnonzero(model.unknown)
     moving = model.some(rows)
     for _ in range(_POLISHING):
@@ -104,8 +104,9 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     simulated, discrepancy = measured - error, None
     if plant.loop_target is None:
         discrepancy = Discrepancy.of(
-            error, slopes, simulated, noise, inverse, covariance, model.oversampled
-        )
+            error, slopes, simulated, noise, inverse, covariance, model.oversampled,
+            len(plant.outputs_named),
+        )  # fmt: skip
     return Fit(theta, converged, simulated, error, noise, covariance, discrepancy)
 
 
@@ -159,7 +160,7 @@ def _band(N: int, Ts: float, crossover: float) -> slice:
 
 def signals(plant: Plant, theta: Array, model: BlackBox) -> tuple[Array, Array]:
     """Output errors (B, N) and slopes (B, q, N), free responses projected out where unknown."""
-    error = model.y - plant.respond(theta, model.u)
+    error = model.y - plant.answers(theta, model.u)
     signals = np.concatenate([error[:, None], output_slopes(plant, theta, model.u)], axis=1)
     signals = model.projected(signals)
     return signals[:, 0], signals[:, 1:]

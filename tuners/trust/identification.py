@@ -83,7 +83,7 @@ class Differences:
     def gram(self, theta: Array, u: Array, y: Array, rows: NDArray[np.intp]) -> Array:
         """Inner products (R, 1 + q, 1 + q) of output error and slopes over the recordings."""
         u = u if len(u) == 1 else u[rows]
-        error = y[rows] - self.plant.respond(theta, u)
+        error = y[rows] - self.plant.answers(theta, u)
         slopes = output_slopes(self.plant, theta, u)
         signals = np.concatenate([error[:, None], slopes], axis=1)
         return np.asarray(signals @ signals.swapaxes(1, 2))
@@ -109,6 +109,8 @@ def identify(
 ) -> Identified:
     """Find the parameters behind outputs (B, N) of inputs (N,), (1, N) or (B, N).
 
+    Of several channels outputs are (B, q, N) or stacked, and inputs (m, N), (1, m, N) or (B, m, N).
+
     Parameters
     ----------
     start : (B, p) float64, optional
@@ -118,7 +120,8 @@ def identify(
         once may end in a minimum that is none of the prior's.
     """
     slopes: Sensitivity = plant.sensitivity or Differences(plant)
-    u, count, q = np.atleast_2d(u), len(y), len(plant.unknown)
+    u, y = u[None] if u.ndim == plant.u.ndim else u, plant.stacked(y)
+    count, q = len(y), len(plant.unknown)
     theta = np.tile(plant.middle, (count, 1)) if start is None else start.copy()
     low, high = (slopes.encode(end[None]) for end in (plant.limits if beyond else plant.ranges))
     z = slopes.encode(theta)
@@ -150,10 +153,11 @@ def identify(
 
 
 def output_slopes(plant: Plant, theta: Array, u: Array | None = None) -> Array:
-    """Derivatives of outputs to the unknown parameters in their ranges' widths, (B, q, N)."""
+    """Derivatives of stacked outputs to the unknown parameters in their widths, (B, q, N)."""
     sides = 2 * len(plant.unknown)
-    tiled = u if u is None or u.ndim == 1 or len(u) == 1 else np.tile(u, (sides, 1))
-    return central(plant, theta, lambda t: plant.respond(t, tiled)).swapaxes(1, 2)
+    own = u is not None and u.ndim > plant.u.ndim and len(u) > 1
+    tiled = np.tile(u, (sides, *(1,) * plant.u.ndim)) if own and u is not None else u
+    return central(plant, theta, lambda t: plant.answers(t, tiled)).swapaxes(1, 2)
 
 
 def central(

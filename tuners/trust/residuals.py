@@ -19,17 +19,25 @@ def against_declared(plant: Plant, model: BlackBox, found: Fit) -> tuple[Array, 
 
     The latter is 0 unless a residual is coloured and larger than declared.  Where the plant's
     noise depends on its output, both are 0: it is then a share of the output, not a number that
-    the sensor is known to have.  Samples that were interpolated are left out.
+    the sensor is known to have.  Samples that were interpolated are left out.  Of several outputs
+    the largest counts.
     """
-    residual = found.residual[:, :: int(np.ceil(model.oversampled))]
-    count = len(residual)
-    if callable(plant.noise) or not plant.noise:
+    count, declared = len(found.residual), plant.declared_noise
+    if not declared:
         return np.zeros(count), np.zeros(count)
-    ratio = np.sqrt((residual**2).mean(axis=1)) / plant.noise
+    residual, simulated = (each_output(plant, a) for a in (found.residual, found.simulated))
+    residual = residual[:, :: int(np.ceil(model.oversampled))]
+    ratio = np.sqrt((residual**2).mean(axis=1)) / declared
     coloured = lag_one(residual) > max(_CORRELATED, _DEVIATIONS / np.sqrt(residual.shape[1]))
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.sqrt((residual**2).mean(axis=1) / found.simulated.var(axis=1))
-    return np.asarray(ratio), np.where(coloured & (ratio > _LARGER), share, 0.0)
+        share = np.sqrt((residual**2).mean(axis=1) / simulated.var(axis=1))
+    pattern = np.where(coloured & (ratio > _LARGER), share, 0.0)
+    return ratio.reshape(count, -1).max(axis=1), pattern.reshape(count, -1).max(axis=1)
+
+
+def each_output(plant: Plant, signals: Array) -> Array:
+    """Stacked outputs (B, q N) as rows of their own, (B q, N)."""
+    return signals.reshape(len(plant.outputs_named) * len(signals), -1)
 
 
 def lag_one(residual: Array) -> Array:

@@ -87,9 +87,10 @@ def _scaled(plant: Plant, given: Recording) -> Recording:
 
 
 def _late(plant: Plant, given: Recording) -> Recording:
-    N = given.y.shape[1]
+    N = given.y.shape[-1]
     late = max(round(_LATE * N), 1)
-    return replace(given, y=np.concatenate([given.y[:, :1].repeat(late, 1), given.y[:, :-late]], 1))
+    first, rest = given.y[..., :1].repeat(late, axis=-1), given.y[..., :-late]
+    return replace(given, y=np.concatenate([first, rest], axis=-1))
 
 
 def _slow(plant: Plant, given: Recording) -> Recording:
@@ -102,19 +103,19 @@ def _reversed(plant: Plant, given: Recording) -> Recording:
 
 def _clipped(plant: Plant, given: Recording) -> Recording:
     """The plant's answer to a command of which the actuator gives only a part."""
-    most = _CLIPPED * np.abs(given.u).max(axis=1, keepdims=True)
+    most = _CLIPPED * np.abs(given.u).max(axis=-1, keepdims=True)
     assert given.known is not None
     less = plant.respond(given.known, np.clip(given.u, -most, most))
     return replace(given, y=given.y + less - plant.respond(given.known, given.u))
 
 
 def _offset(plant: Plant, given: Recording) -> Recording:
-    return replace(given, y=given.y + _OFFSET * given.y.std(axis=1, keepdims=True))
+    return replace(given, y=given.y + _OFFSET * given.y.std(axis=-1, keepdims=True))
 
 
 def _drifting(plant: Plant, given: Recording) -> Recording:
-    line = np.linspace(0.0, _DRIFT, given.y.shape[1])
-    return replace(given, y=given.y + line * given.y.std(axis=1, keepdims=True))
+    line = np.linspace(0.0, _DRIFT, given.y.shape[-1])
+    return replace(given, y=given.y + line * given.y.std(axis=-1, keepdims=True))
 
 
 _FAULTS: dict[str, Callable[[Plant, Recording], Recording]] = {

@@ -42,9 +42,12 @@ def notes(
     if given.variation > STEADY:
         label = " or ".join(split(plant.label(name))[0] for name in plant.measured)
         found.append(f"The {label} varies by {given.variation:.0%}; its mean counts.")
-    output = split(plant.signals[1])
+    outputs = np.atleast_2d(given.y[0])
+    residuals = np.split(fitted.residual[i], len(outputs))
     left = _left_open(plant, left_open(fitted)[i] & plant.lasting)
-    return (*found, *left, *_quantised(given.y[0], fitted.residual[i], *output))
+    for signal, y, residual in zip(plant.outputs_named, outputs, residuals, strict=True):
+        left = (*left, *_quantised(y, residual, *split(signal)))
+    return (*found, *left)
 
 
 def projected(given: Recording, u: Array, Ts: float) -> tuple[str, ...]:

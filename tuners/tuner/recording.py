@@ -31,9 +31,9 @@ class Recording:
     Attributes
     ----------
     u : NDArray
-        (1, N) or (B, N) float64, inputs.
+        (1, N) or (B, N) float64, inputs; of several (1, m, N) or (B, m, N).
     y : NDArray
-        (B, N) float64, measured outputs.
+        (B, N) float64, measured outputs; of several (B, q, N).
     Ts : float
         Sampling time [s].
     known : NDArray or None
@@ -61,10 +61,10 @@ class Recording:
 
     def __post_init__(self) -> None:
         u, y = np.shape(self.u), np.shape(self.y)
-        if not (len(u) == len(y) == 2 and u[1] == y[1] and u[0] in (1, y[0])):
+        if not (len(u) == len(y) in (2, 3) and u[-1] == y[-1] and u[0] in (1, y[0])):
             raise ValueError(
                 f"u and y have shapes {u} and {y}, not (1, N) or (B, N) and (B, N). Give arrays "
-                "(N,) to Recording.of(plant, u, y, Ts)."
+                "(N,), or of several channels (m, N) and (q, N), to Recording.of(plant, u, y, Ts)."
             )
         validation.one_of("input", self.input, HOLDS)
         if self.reference is not None and np.shape(self.reference) not in (y, (1, y[1])):
@@ -84,7 +84,7 @@ class Recording:
         between: str | None = None,
         reference: ArrayLike | None = None,
     ) -> Self:
-        """One episode of a plant from arrays (N,), checked.
+        """One episode of a plant from arrays (N,), or (m, N) and (q, N), checked.
 
         Parameters
         ----------
@@ -102,15 +102,18 @@ class Recording:
         ValueError
             The episode cannot be used; the message says why and what to do.
         """
-        u, y = _signal("u", u), _signal("y", y)
-        if len(u) != len(y):
-            raise ValueError(f"u has {len(u)} samples and y has {len(y)}. Cut them to one length.")
-        validation.count("number of samples", len(u), at_least=2, remedy="Record more.")
+        u, y = _signals("u", u, plant.channels, 0), _signals("y", y, plant.channels, 1)
+        N = y.shape[-1]
+        if u.shape[-1] != N:
+            raise ValueError(f"u has {u.shape[-1]} samples and y has {N}. Cut them to one length.")
+        validation.count("number of samples", N, at_least=2, remedy="Record more.")
         Ts = plant.Ts if Ts is None else Ts
         validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
         given = {name: value for name, value in (measured or {}).items() if value is not None}
-        known, variation = _measured(plant, given, len(y))
+        known, variation = _measured(plant, given, N)
         hold = plant.input if between is None else between
+        if reference is not None and plant.channels is not None:
+            raise ValueError("reference is for plants with one input and one output. Leave it out.")
         wanted = None if reference is None else _signal("reference", reference)[None]
         return cls(u[None], y[None], float(Ts), known, 1.0, variation, hold, wanted)
 
@@ -124,6 +127,7 @@ class Recording:
             Rows as in the environment: input, output, then the measured parameters if they are
             visible, and all others too if the truth is.
         """
+        _check_single(plant)
         array = validation.real_array("obs", obs)
         if array.dtype != np.float32:  # a batch of the environment's is converted last, in parts
             array = np.asarray(array, dtype=np.float64)
@@ -169,7 +173,7 @@ class Recording:
         An input that is joined by lines becomes one that is held and acts alike
         (`yawrate_env.signals.hold`).  The output follows a cubic spline.
         """
-        N, same = self.y.shape[1], bool(np.isclose(self.Ts, Ts, rtol=1e-6))
+        N, same = self.y.shape[-1], bool(np.isclose(self.Ts, Ts, rtol=1e-6))
         if same and self.input == "held":
             return self
         if N < 4:
@@ -178,9 +182,12 @@ class Recording:
         if same:
             Ts, y = self.Ts, self.y
         else:
-            y = spline(self.y, np.asarray(at * (Ts / self.Ts), dtype=np.float64))
+            place = np.asarray(at * (Ts / self.Ts), dtype=np.float64)
+            y = spline(self.y.reshape(-1, N), place).reshape(*self.y.shape[:-1], -1)
         if self.input == "lines":
-            u = held_like_lines(self.u, self.Ts, Ts * at.astype(np.float64), Ts)
+            times = Ts * at.astype(np.float64)
+            u = held_like_lines(self.u.reshape(-1, N), self.Ts, times, Ts)
+            u = u.reshape(*self.u.shape[:-1], -1)
         else:
             u = self._held(self.u, at, Ts)
         return replace(
@@ -195,8 +202,8 @@ class Recording:
 
     def _held(self, signals: Array, at: NDArray[np.intp], Ts: float) -> Array:
         """What holds over the larger part of samples `at` of `Ts`: clocks may differ by ppm."""
-        half, last = min(Ts / self.Ts, 1.0) / 2, signals.shape[1] - 1
-        return signals[:, np.minimum(np.floor(at * (Ts / self.Ts) + half), last).astype(np.intp)]
+        half, last = min(Ts / self.Ts, 1.0) / 2, signals.shape[-1] - 1
+        return signals[..., np.minimum(np.floor(at * (Ts / self.Ts) + half), last).astype(np.intp)]
 
     def parameters(self, plant: Plant, *, needed: bool = True) -> Array:
         """Parameters (B, p) with the measured ones as known, and the others in mid-prior.
@@ -237,6 +244,22 @@ def _signal(name: str, value: ArrayLike) -> Array:
     signal = validation.finite_array(name, value, shape=(None,))
     _check_size(name, signal)
     return signal
+
+
+def _signals(name: str, value: ArrayLike, channels: Any, of: int) -> Array:
+    """One signal (N,), or a row for each of a plant's inputs or outputs."""
+    if channels is None:
+        return _signal(name, value)
+    found = validation.finite_array(name, value, shape=(len(channels[of]), None))
+    _check_size(name, found)
+    return found
+
+
+def _check_single(plant: Plant) -> None:
+    if plant.channels is not None:
+        raise ValueError(
+            "plant: environments are for plants with one input and one output. Use tune(u, y, Ts)."
+        )
 
 
 def _check_size(name: str, values: NDArray[np.floating]) -> None:

@@ -32,12 +32,12 @@ class FittedPlant:
     deviations : dict
         Standard deviations of the estimated ones.
     u, measured, simulated : NDArray
-        (N,) input, measured and simulated output; the simulated one has the offset and the
-        response to the initial state in it.
+        (N,) input, measured and simulated output, or (m, N) and (q, N); the simulated one has the
+        offset and the response to the initial state in it.
     Ts : float
         Sampling time of these [s].
     offset : float
-        Constant part of the output that the input does not explain.
+        Constant part of the output that the input does not explain; of several outputs the largest.
     initial : float
         Root mean square of the response to the initial state.
     from_rest : bool
@@ -74,11 +74,11 @@ class FittedPlant:
             parameters=dict(zip(names, map(float, fit.theta[i]), strict=True)),
             deviations=dict(zip(unknown, map(float, deviations), strict=True)),
             u=model.u[i % len(model.u)],
-            measured=simulated + residual,
-            simulated=simulated,
+            measured=plant.unstacked((simulated + residual)[None])[0],
+            simulated=plant.unstacked(simulated[None])[0],
             Ts=model.Ts,
             offset=float(model.offset[i]),
-            initial=float(np.sqrt(np.mean((model.free[i] - model.offset[i]) ** 2))),
+            initial=_initial(plant, found, i),
             from_rest=not model.unknown[i],
             snr_db=snr_db,
         )
@@ -87,6 +87,14 @@ class FittedPlant:
     def residual(self) -> Array:
         """Measured minus simulated output (N,)."""
         return self.measured - self.simulated
+
+
+def _initial(plant: Plant, found: Assessment, i: int) -> float:
+    """Root mean square of the response to the initial state, of several outputs the largest."""
+    free, offset = plant.unstacked(found.model.free[[i]])[0], found.model.offset[i]
+    if free.ndim == 2:
+        offset = free.mean(axis=1, keepdims=True)
+    return float(np.sqrt(np.mean((free - offset) ** 2, axis=-1)).max())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,7 +37,7 @@ def check_sampling(plant: Plant, recording: Recording) -> None:
     """``ValueError`` for samples that are too slow, or too many at the plant's sampling time."""
     remedy = "Slower samples do not show what the plant does: record faster."
     validation.number("Ts", recording.Ts, at_most=slowest(plant), remedy=remedy)
-    samples = recording.y.shape[1] * recording.Ts / plant.Ts
+    samples = recording.y.shape[-1] * recording.Ts / plant.Ts
     remedy = "Cut to the best part, or decimate."
     name = "number of samples at the tuner's Ts"
     validation.number(name, samples, at_most=LONGEST, remedy=remedy)
@@ -58,10 +58,12 @@ def sampled(plant: Plant, recording: Recording, assessment: Assessment) -> Asses
 
 def _between(given: Recording, found: Assessment) -> Array:
     """Relative error of a spline through the fitted plant's output at a slow log's samples."""
-    simulated, Ts = found.fit.simulated, found.model.Ts
-    times, at = Ts * np.arange(simulated.shape[1]), given.Ts * np.arange(given.y.shape[1])
+    simulated, Ts, N = found.fit.simulated, found.model.Ts, given.y.shape[-1]
+    simulated = simulated.reshape(given.y[..., 0].size, -1)
+    times, at = Ts * np.arange(simulated.shape[1]), given.Ts * np.arange(N)
     seen = np.stack([np.interp(at, times, row) for row in simulated])
-    drawn = replace(given, y=seen).resampled(Ts).y
+    drawn = replace(given, u=np.zeros((1, N)), y=seen, reference=None).resampled(Ts).y
     with np.errstate(divide="ignore", invalid="ignore"):
         missed = np.mean((drawn - simulated[:, : drawn.shape[1]]) ** 2, axis=1)
-        return np.asarray(np.sqrt(missed / simulated.var(axis=1)))
+        relative = np.sqrt(missed / simulated.var(axis=1))
+        return np.asarray(relative.reshape(len(given), -1).max(axis=1))

@@ -60,7 +60,7 @@ def recipe_for_logs(plant: Plant) -> Recipe:
     if not plant.linear or plant.crossover is None or special:
         return recipe_for(plant)
     low, high = (share * plant.crossover for share in _BAND)
-    order = min(RESPONSE_ORDER, len(plant.u) // 10)
+    order = min(RESPONSE_ORDER, plant.samples // 10)
     features = FrequencyResponse(order, functions_for(plant).pole, low, high)
     learner = TrendSettings(FeedForwardSettings(neurons=16, max_fail=10, epochs=120))
     return Recipe(features, learner, noise_draws=3, episodes=2000)
@@ -72,7 +72,7 @@ def features_for(plant: Plant) -> Laguerre | Regularised:
     A network learns what a few functions leave out of one input; where every episode has an
     input of its own it takes more functions, regularised by the prior.
     """
-    most = len(plant.u) // 10
+    most = plant.samples // 10 // len(plant.inputs_named)
     if plant.excite is None or plant.integrating:
         return suited(plant, min(ORDER, most))
     return suited_to_any_input(plant, min(MORE, most))

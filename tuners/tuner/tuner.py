@@ -202,7 +202,7 @@ class Tuner:
         used = found.model.u[i % len(found.model.u)]
         said = notes.projected(given, used, found.model.Ts)
         said += notes.notes(self.plant, given, found.fit, i, self.method.any_experiment)
-        return self.answer(climbed, found, i, why, said, given.y.shape[1] * given.Ts, slopes)
+        return self.answer(climbed, found, i, why, said, given.y.shape[-1] * given.Ts, slopes)
 
     def answer(
         self,
@@ -310,7 +310,7 @@ class Tuner:
             start = "unknown"  # what went before is in the loop; coloured noise hides it from tests
         used = self._opened(recording, theta, start)
         model = black_box(plant, self.black_box, used.u, used.y, start, used.oversampled)
-        own = self.gains(replace(used, y=model.y))
+        own = self.gains(replace(used, y=plant.unstacked(model.y)))
         still = self._still(used) if method.needs_excitation else np.zeros(len(used), np.bool_)
         fitted = fit(plant, model, used.y, theta)
         target = plant.loop_target
@@ -408,22 +408,26 @@ class Tuner:
         return found.without(self._still(recording)) if self.method.needs_excitation else found
 
     def _still(self, recording: Recording) -> NDArray[np.bool_]:
-        """Which recordings (B,) have a constant input or output.
+        """Which recordings (B,) have a constant input or output, of several any.
 
         A constant input is a step from rest if the experiment holds one as long.
         """
         input, output, held = self._scales
-        step = recording.y.shape[1] * recording.Ts <= held * (1 + 1e-9)
-        u = np.abs(recording.u).max(axis=1) if step else np.ptp(recording.u, axis=1)
-        return np.asarray((u <= _STILL * input) | (np.ptp(recording.y, axis=1) <= _STILL * output))
+        step = recording.y.shape[-1] * recording.Ts <= held * (1 + 1e-9)
+        u = np.abs(recording.u).max(axis=-1) if step else np.ptp(recording.u, axis=-1)
+        still = u <= _STILL * input, np.ptp(recording.y, axis=-1) <= _STILL * output
+        one, other = (s if s.ndim == 1 else s.any(axis=1) for s in still)
+        return np.asarray(one | other)
 
     @cached_property
-    def _scales(self) -> tuple[float, float, float]:
-        """Largest input and output of the experiment, and how long it holds an input [s]."""
+    def _scales(self) -> tuple[Array, Array, float]:
+        """Largest inputs and outputs of the experiment, and how long it holds an input [s]."""
         u = self.plant.u
-        turns = np.flatnonzero(np.diff(u, prepend=np.nan, append=np.nan))
-        longest = np.diff(turns).max(initial=1) * self.plant.Ts
-        return np.abs(u).max(), np.ptp(self.plant.respond(self.plant.middle)), longest
+        held = (np.flatnonzero(np.diff(row, prepend=np.nan, append=np.nan))
+                for row in np.atleast_2d(u))  # fmt: skip
+        longest = max(np.diff(turns).max(initial=1) for turns in held) * self.plant.Ts
+        y = self.plant.respond(self.plant.middle)[0]
+        return np.abs(u).max(axis=-1), np.ptp(y, axis=-1), longest
 
     def known(self, theta: Array) -> NDArray[np.bool_]:
         """Which recordings (B,) have measured parameters that the tuner was made for."""

@@ -34,26 +34,29 @@ def one_line(error: BaseException) -> str:
 def rows(
     name: str,
     function: Callable[..., Any],
-    width: int,
+    width: int | tuple[int, ...],
     batched: bool,
     *arrays: Array,
     names: Sequence[str] = (),
 ) -> tuple[Array, Flags | None]:
     """Call for the batch, or for each plant, and check that the answer is (B, width).
 
+    A width may be a shape, of several outputs.
+
     A function may answer with a pair; the second part, (B,) bool, is then returned too.  Where it
     raises, the message says for which plant, with the `names` of its parameters.
     """
     arrays = tuple(array.copy() for array in arrays)  # functions may write into them
     count, answer = len(arrays[0]), f"{name}'s answer"
+    shape = (width,) if isinstance(width, int) else width
     if batched:
         values, found = _batch(name, function, names, *arrays)
     else:
         given = zip(*arrays, strict=True)
-        values, found = _one_by_one(name, function, names, (width,), given)
+        values, found = _one_by_one(name, function, names, shape, given)
     values = validation.float_array(answer, values)
-    if values.shape != (count, width):
-        raise ValueError(f"{answer} has shape {values.shape}, not {(count, width)}.")
+    if values.shape != (count, *shape):
+        raise ValueError(f"{answer} has shape {values.shape}, not {(count, *shape)}.")
     if found is None:
         return values, None
     flags = np.asarray(found)
@@ -83,7 +86,7 @@ def _one_by_one(
     name: str,
     function: Callable[..., Any],
     names: Sequence[str],
-    shape: tuple[int],
+    shape: tuple[int, ...],
     given: Iterable[tuple[Array, ...]],
 ) -> tuple[Any, Any]:
     """Values and flags of a function that takes one plant."""

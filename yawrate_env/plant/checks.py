@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from yawrate_env import validation
+from yawrate_env.plant.channels import check_channels
 from yawrate_env.plant.distributions import Spread, spread
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import CHECKS, OF_METRICS, check_name, check_unique, split
@@ -43,6 +44,7 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
         counted = sum(metric.counts for metric in plant["metrics"].values())
         target = validation.finite_array("target", plant["target"], shape=(counted,))
         plant["target"] = tuple(target.tolist())
+    check_channels(plant)
     _check_limits(plant["search_limits"], plant["prior"])
     _check_names(plant)
     _check_messages(plant)
@@ -52,7 +54,7 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
 def check_experiment(u: Any, Ts: float, crossover: float | None) -> None:
     """``ValueError`` where an experiment is too short or sampled too slowly to learn from."""
     remedy = "Describe a longer experiment."
-    validation.count("number of samples of u", len(u), at_least=SHORTEST, remedy=remedy)
+    validation.count("number of samples of u", u.shape[-1], at_least=SHORTEST, remedy=remedy)
     if crossover is not None:
         remedy = "Give it in Hz, below half the sampling rate."
         validation.number("crossover", crossover, below=0.5 / Ts, remedy=remedy)
@@ -88,16 +90,25 @@ def _texts(name: str, value: Any) -> tuple[str, ...]:
 
 
 def _input(name: str, value: Any) -> Any:
-    u = validation.finite_array(name, value, shape=(None,))
-    if not u.any():
+    several = np.ndim(value) == 2
+    u = validation.finite_array(name, value, shape=(None, None) if several else (None,))
+    if not u.any(axis=-1).all():
         raise ValueError("u is zero everywhere. Give an input that excites the plant.")
     return np.array(u)  # the caller may change theirs
 
 
 def _noise(name: str, value: Any) -> Any:
+    remedy = "Give a standard deviation."
     if callable(value):
         return value
-    return validation.number(name, value, at_least=0.0, remedy="Give a standard deviation.")
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return tuple(validation.number(name, each, above=0.0, remedy=remedy) for each in value)
+    return validation.number(name, value, at_least=0.0, remedy=remedy)
+
+
+def _channels(name: str, value: Any) -> Any:
+    example = '(("reflux", "steam"), ("top", "bottom"))'
+    return None if value is None else _pair(name, value, example, _texts, _texts)
 
 
 def _pair(name: str, value: Any, example: str, first: Check, second: Check) -> tuple[Any, Any]:
@@ -240,6 +251,7 @@ _SETTINGS: dict[str, Check] = {
     "input": partial(validation.one_of, choices=HOLDS),
     "plausible": partial(_pair, example="(1.0, 20.0)", first=_largest, second=_largest),
     "controller": partial(validation.instance, kind=str, remedy="Give its name."),
+    "channels": _channels,
     "signals": partial(
         _pair, example='("voltage [V]", "speed [rad/s]")', first=validation.text,
         second=validation.text,

@@ -104,7 +104,7 @@ def _summary(values: Array) -> list[list[float]]:
 
     Where some values are not finite, rows that mark them follow those with zeros instead.
     """
-    rows = np.atleast_2d(values)
+    rows = values.reshape(len(values), -1) if values.ndim > 2 else np.atleast_2d(values)
     finite = np.isfinite(rows)
     if not finite.all():
         rows = np.concatenate([np.where(finite, rows, 0.0), ~finite])

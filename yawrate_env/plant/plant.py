@@ -15,6 +15,7 @@ from yawrate_env import validation
 from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.calls import call, rows
+from yawrate_env.plant.channels import Channels, Names, Noise
 from yawrate_env.plant.checks import check_experiment, checked
 from yawrate_env.plant.distributions import Range, Spread
 from yawrate_env.plant.metric import Metric
@@ -31,13 +32,12 @@ from yawrate_env.signals.noise import add_white_noise
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.uint64]
-Noise = float | Callable[[Array], Array]
 Out = NDArray[np.floating] | None
 Written = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plant(Parameters):
+class Plant(Parameters, Channels):
     """A family of plants, the experiment on them, and the design rule that knows their gains.
 
     Each function is called once when a plant is described, with the parameters in the middle
@@ -63,12 +63,16 @@ class Plant(Parameters):
         Name of the controller that the gains are of, of `yawrate_env.loop.controllers`, where it
         is one of these: programs and forms of it can then be written.
     u : array
-        (N,) input of the experiment.
+        (N,) input of the experiment; (m, N) of several.
     Ts : float
         Sampling time of the experiment [s].
     noise : float or callable
         Standard deviation of the white measurement noise, or a function of noise-free
-        outputs (B, N) to (B,): see `yawrate_env.plant.snr`.
+        outputs (B, N) to (B,): see `yawrate_env.plant.snr`.  Of several outputs one number, or one
+        for each.
+    channels : tuple, optional
+        Names of m inputs and of q outputs, with units in brackets, of a plant that has several:
+        inputs are then (m, N) or (B, m, N), and outputs (B, q, N).
     evaluate : callable, optional
         ``evaluate(theta, gains)``: parameters (B, p) and gains (B, k) to metrics (B, f) of the
         loop; ``nan`` where the loop is unstable, ``inf`` where it is stable and a metric is
@@ -201,6 +205,7 @@ class Plant(Parameters):
     u: Array
     Ts: float
     noise: Noise = 0.0
+    channels: tuple[Names, Names] | None = None
     evaluate: Callable[[Array, Array], Array | tuple[Array, Flags]] | None = None
     metrics: Mapping[str, float | Metric] = field(default_factory=dict)
     target: tuple[float, ...] | None = None
@@ -261,15 +266,21 @@ class Plant(Parameters):
         Parameters
         ----------
         u : (N,), (1, N) or (B, N) float64, optional
-            One input for all, or one for each.
+            One input for all, or one for each; of several channels (m, N) and so on.
         """
-        given = np.atleast_2d(self.u if u is None else u)
+        given = self.u if u is None else u
+        given = given[None] if given.ndim == self.u.ndim else given
         own = (given,) if len(given) > 1 else ()
+        several = () if self.channels is None else (len(self.channels[1]),)
 
         def simulated(t: Array, v: Array | None = None) -> Array:
             return self.simulate(t, given[0].copy() if v is None else v, rng)
 
-        return self._rows("simulate", simulated, given.shape[1], theta, *own)[0]
+        return self._rows("simulate", simulated, (*several, given.shape[-1]), theta, *own)[0]
+
+    def answers(self, theta: Array, u: Array | None = None) -> Array:
+        """What `respond` gives, stacked."""
+        return self.stacked(self.respond(theta, u))
 
     def inputs(self, integers: Integers) -> Array:
         """Inputs of B experiments, (1, N) or (B, N), from a random integer each."""
@@ -298,25 +309,32 @@ class Plant(Parameters):
         """
         if self.record is not None:
             return np.asarray(call("record", self.record, theta, u, keys, out, written))
-        clean = np.ascontiguousarray(self.respond(theta, u, rng))
+        clean = np.ascontiguousarray(self.stacked(self.respond(theta, u, rng)))
         sigma = self.sigma(clean).copy()
         if self.in_loop:
             noise = np.zeros_like(clean)
             add_white_noise(noise, sigma, keys, noise)
             clean, sigma = self.respond(theta, u - noise, rng), np.zeros_like(sigma)
             clean = clean + noise
-        measured: Array = np.empty_like(clean) if out is None else out  # type: ignore[assignment]
+        stack = out is None or self.channels is not None
+        measured: Array = np.empty_like(clean) if stack else out  # type: ignore[assignment]
 
         def work(i: int, j: int) -> None:
             add_white_noise(clean[i:j], sigma[i:j], keys[i:j], measured[i:j])
             written(i, j)
 
         over_blocks(work, len(clean), LANES)
+        measured = self.unstacked(measured)
+        if out is not None and self.channels is not None:
+            out[:] = measured
+            return np.asarray(out)
         return np.asarray(measured)
 
     def sigma(self, clean: Array) -> Array:
-        """Standard deviations of the measurement noise, (B,)."""
-        value = call("noise", self.noise, clean) if callable(self.noise) else self.noise
+        """Standard deviations of the measurement noise of stacked outputs, (B,)."""
+        value: Any = self.declared_noise
+        if callable(self.noise):
+            value = call("noise", self.noise, clean)
         sigma = validation.float_array("noise's answer", value)
         if sigma.shape not in ((), (1,), (len(clean),)):
             raise ValueError(f"noise's answer has shape {sigma.shape}, not {(len(clean),)}.")
@@ -406,6 +424,10 @@ class Plant(Parameters):
         return np.array([getattr(self.settings[name], of) for name in self.counted])
 
     def _rows(
-        self, name: str, function: Callable[..., Any], width: int, *arrays: Array
+        self,
+        name: str,
+        function: Callable[..., Any],
+        width: int | tuple[int, ...],
+        *arrays: Array,
     ) -> tuple[Array, Flags | None]:
         return rows(name, function, width, self.batched, *arrays, names=tuple(self.prior))

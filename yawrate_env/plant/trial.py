@@ -26,9 +26,9 @@ def try_functions(plant: Any) -> None:
 
 def _call_all(plant: Any) -> None:
     """Call every function for two plants in the middle of the prior, and check the answers."""
-    theta, N = np.repeat(plant.middle, 2, axis=0), len(plant.u)
-    u, y = plant.u[None], _checked("simulate", plant.respond(theta), N)
-    if not np.array_equal(y, plant.respond(theta)):
+    theta, N = np.repeat(plant.middle, 2, axis=0), plant.samples
+    u, y = plant.u[None], _checked("simulate", plant.answers(theta), len(plant.outputs_named) * N)
+    if not np.array_equal(y, plant.answers(theta)):
         raise ValueError("simulate is random where rng is None. Use rng for all randomness.")
     if plant.excite is not None:
         u = _checked("excite", plant.inputs(np.array([1, 2], np.uint64)), N)

@@ -30,7 +30,13 @@ from yawrate_env.plant.distributions import plain, spread
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.rules import LOOP_SHAPING
-from yawrate_env.signals.excitation import prbs
+from yawrate_env.signals.excitation import (
+    RANDOM_ORDER,
+    SAME_ORDER,
+    multilevel,
+    multisine,
+    prbs,
+)
 
 Array = NDArray[np.float64]
 Matrices = Callable[[Array], tuple[Array, Array, Array]]
@@ -38,19 +44,28 @@ Matrices = Callable[[Array], tuple[Array, Array, Array]]
 METRICS = ("phase_margin [deg]", "gain_margin [dB]", "crossover [Hz]")
 """Of which the crossover is reported and does not count."""
 
+KINDS = "prbs", "multisine"
+
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """A pseudo-random binary test of a process.
+    """A test of a process.
 
     Attributes
     ----------
     Ts, N : float, int
         Sampling time [s], also of the controller, and number of samples.
+    kind : {"prbs", "multisine"}
+        Levels that are held, or a sum of sines (`yawrate_env.signals.excitation`).
     amplitude : float
-        Half the difference of the input's two levels.
+        Largest absolute input: half the difference of two levels.
     bit_time : float
-        How long a level is held at least [s].
+        How long a level is held at least [s]; sines have frequencies up to ``0.44/bit_time``.
+    levels : int
+        Of a ``prbs``; two show no saturation and no characteristic of the actuator.
+    order : int, optional
+        Length of the shift register of a ``prbs``, 2 to 20; 7 for two levels and 14 for more if
+        omitted.
     noise : float
         Standard deviation of the measurement noise, in the output's unit.
     signals : tuple of str
@@ -61,6 +76,9 @@ class Experiment:
     N: int = 600
     amplitude: float = 1.0
     bit_time: float = 20.0
+    kind: str = "prbs"
+    levels: int = 2
+    order: int | None = None
     noise: float = 0.05
     signals: tuple[str, str] = ("u", "y")
 
@@ -68,6 +86,10 @@ class Experiment:
         for name in ("Ts", "amplitude", "bit_time"):
             validation.number(name, getattr(self, name), above=0.0, remedy="Give a positive one.")
         object.__setattr__(self, "N", validation.count("N", self.N, remedy="Record some samples."))
+        validation.one_of("kind", self.kind, KINDS)
+        validation.count("levels", self.levels, at_least=2, remedy="Two are the fewest.")
+        if self.kind == "multisine" and self.levels != 2:
+            raise ValueError(f"levels = {self.levels}: a multisine has none. Leave one out.")
         object.__setattr__(self, "signals", tuple(self.signals))
 
     @classmethod
@@ -78,6 +100,17 @@ class Experiment:
         for name in given:
             validation.one_of("experiment's setting", name, cls.__slots__)
         return cls(**given)
+
+    def input(self) -> Array:
+        """What is applied, (N,)."""
+        timing = self.N, self.Ts, self.bit_time, self.amplitude
+        if self.kind == "multisine":
+            u = multisine(*timing)
+        elif self.levels > 2:
+            u = multilevel(*timing, self.levels, order=self.order or RANDOM_ORDER)
+        else:
+            u = prbs(*timing, order=self.order or SAME_ORDER)
+        return np.asarray(u[0])
 
 
 Given = Experiment | Mapping[str, Any]
@@ -225,7 +258,7 @@ def _process(
     return loop.plant(
         prior=prior,
         metrics=metrics,
-        u=prbs(made.N, made.Ts, made.bit_time, made.amplitude)[0],
+        u=made.input(),
         noise=made.noise,
         integrating=integrating,
         entry=f"yawrate_env.plants:{name}",

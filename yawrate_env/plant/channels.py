@@ -1,0 +1,105 @@
+"""Plants with several inputs and outputs.
+
+A batch has its inputs in ``(B, m, N)`` and its outputs in ``(B, q, N)``; a plant with one of each
+keeps ``(B, N)``.  Sums over recordings, of squares and of products with slopes, are the same for
+both once outputs are *stacked*: one after the other, (B, q N), and weighted so that the noise of
+each is of one size.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from yawrate_env.plant.names import check_unique
+
+Array = NDArray[np.float64]
+Names = tuple[str, ...]
+Noise = float | tuple[float, ...] | Callable[[Array], Array]
+
+_OF_ONE = (
+    "excite", "integrating", "in_loop", "initial", "crossover", "record", "sensitivity",
+    "linear_model", "actuator", "remarks", "suspects", "doubtful", "display", "black_box",
+)  # fmt: skip
+
+
+class Channels:
+    """What follows from the channels: the part of a `Plant` that knows how many there are."""
+
+    __slots__ = ()
+
+    u: Array
+    noise: Noise
+    signals: tuple[str, str]
+    channels: tuple[Names, Names] | None
+
+    @property
+    def samples(self) -> int:
+        """N, the experiment's length."""
+        return int(self.u.shape[-1])
+
+    @property
+    def inputs_named(self) -> Names:
+        """Names of the m inputs."""
+        return self.signals[:1] if self.channels is None else self.channels[0]
+
+    @property
+    def outputs_named(self) -> Names:
+        """Names of the q outputs."""
+        return self.signals[1:] if self.channels is None else self.channels[1]
+
+    def stacked(self, y: Array) -> Array:
+        """Outputs (B, q, N) as (B, q N); those of one output, and stacked ones, stay so."""
+        return y if y.ndim == 2 else (self.weights * y).reshape(len(y), -1)
+
+    def unstacked(self, y: Array) -> Array:
+        """Outputs (B, q, N) that were `stacked`; (B, N) of one output."""
+        if self.channels is None:
+            return y
+        return np.asarray(y.reshape(len(y), len(self.weights), -1) / self.weights)
+
+    @property
+    def declared_noise(self) -> float | None:
+        """Standard deviation of stacked outputs' noise; None where it depends on the output."""
+        if callable(self.noise):
+            return None
+        several = isinstance(self.noise, tuple)
+        return float(np.exp(np.log(self.noise).mean())) if several else float(self.noise)  # type: ignore[arg-type]
+
+    @property
+    def weights(self) -> Array:
+        """(q, 1) by which outputs are multiplied where they are stacked."""
+        each = np.broadcast_to(np.asarray(self.noise, np.float64), (len(self.outputs_named),))
+        level = self.declared_noise
+        return np.asarray(level / each if level else np.ones_like(each))[:, None]
+
+
+def check_channels(plant: Mapping[str, Any]) -> None:
+    """Names, inputs and noise of several channels belong together, and not all else does."""
+    u, channels, noise = plant["u"], plant["channels"], plant["noise"]
+    if channels is None:
+        if u.ndim == 2:
+            raise ValueError(
+                f"u has {len(u)} inputs: name them, and the outputs, by "
+                'channels=(("u1", "u2"), ("y1", "y2")), or give one input (N,).'
+            )
+        if isinstance(noise, tuple):
+            raise ValueError(f"noise = {noise}: this plant has one output. Give one number.")
+        return
+    inputs, outputs = channels
+    if u.shape[:-1] != (len(inputs),):
+        raise ValueError(
+            f"u has shape {u.shape}, and channels name {len(inputs)} inputs. Give (m, N), an input "
+            "for each name."
+        )
+    if callable(noise) or (isinstance(noise, tuple) and len(noise) != len(outputs)):
+        raise ValueError(
+            f"noise of {len(outputs)} outputs must be one number, or one for each. Give numbers."
+        )
+    for name in _OF_ONE:
+        if plant[name]:
+            raise ValueError(
+                f"{name} is for plants with one input and one output. Leave it, or channels, out."
+            )
+    check_unique({"channel": (*inputs, *outputs)})
