@@ -13,6 +13,7 @@ import numpy as np
 from yawrate_env.loop.discretisation import DiscretePlant, zoh
 from yawrate_env.loop.simulation import simulate as simulated
 from yawrate_env.plant import Plant
+from yawrate_env.plant.responses import ClosedLoop, Response
 from yawrate_env.signals.excitation import prbs
 
 TS = 0.01
@@ -62,11 +63,21 @@ def evaluate(theta, gains):
     return metrics, np.abs(poles[:, 0]) < 1
 
 
+def loop(theta, gains):
+    """A step of the reference by two degrees, for reports to draw."""
+    given = np.full(200, 2.0)
+    angle = simulated(loops(theta[None], *gains[:, None]), given)[0]
+    title = "Step of the reference by 2 deg"
+    response = Response(title, TS * np.arange(len(angle)), angle, setpoint=2.0, label="angle [deg]")
+    return ClosedLoop((response,))
+
+
 plant = Plant(
     prior={"a": (15.0, 30.0), "b": (12.0, 24.0)},
     simulate=simulate,
     design=design,
     evaluate=evaluate,
+    loop=loop,
     gains=("kp", "kd"),
     metrics={"frequency [Hz]": 0.2, "damping": 0.1},
     u=prbs(N=2000, Ts=TS, bit_time=0.2, amplitude=np.radians(2.0))[0],

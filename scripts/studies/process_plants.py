@@ -34,6 +34,9 @@ Made by `scripts/process_plants.py`; edits are overwritten. SciPy simulated the 
 of a twentieth of a sample; errors are distances from what the design rule reaches that knows the
 plant; a miss is more than twice a metric's `error`."""
 
+CALIBRATION = 2000
+"""Episodes that calibrate intervals, as of `yawrate train`."""
+
 _OWN = 77  # tag of the plants' random numbers, which no training shares
 
 
@@ -48,7 +51,7 @@ def run(
     progress: Any = None,
 ) -> str:
     """Train, record, tune, write; returns the plant's section of the page."""
-    tuner = train(plant, seed=seed, progress=progress)
+    tuner = train(plant, seed=seed, calibration=CALIBRATION, progress=progress)
     part = {
         "seed": seed,
         "answers": tuner.training.get("answers"),

@@ -74,7 +74,7 @@ def log_of(log: Log, plant: Plant) -> dict[str, Any]:
     return {
         "file": log.source,
         "start": log.t0,
-        "samples": len(log.u),
+        "samples": log.u.shape[-1],
         "Ts": log.Ts,
         **bare({plant.label(name): float(v.mean()) for name, v in log.measured.items()}),
         "excitation": asdict(log.excitation),

@@ -85,7 +85,7 @@ def _of(result: Result, log: Log) -> Row:
         row[split(plant.label(name))[0]] = float(values.mean())
     return row | {
         "start": log.t0,
-        "samples": len(log.u),
+        "samples": log.u.shape[-1],
         "Ts": log.Ts,
         "reasons": " ".join(result.reasons),
         "notes": " ".join(result.notes),

@@ -78,10 +78,11 @@ def command(
         u, said = proposed(plant, wanted, change or "both", noise, snr, seed)
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["t", plant.signals[0]])
-    times = plant.Ts * np.arange(len(u))
-    writer.writerows((f"{t:.9g}", f"{a:.9g}") for t, a in zip(times, u, strict=True))
+    writer.writerow(["t", *plant.inputs_named])
+    rows, times = np.atleast_2d(u), plant.Ts * np.arange(u.shape[-1])
+    writer.writerows([f"{value:.9g}" for value in row] for row in zip(times, *rows, strict=True))
     write_text(out, text.getvalue())
-    word = split(displayed(plant)[0][0])[0]
-    length = f"{len(u) * plant.Ts:.6g} s"
-    click.echo(f"{out}: {length} of {word}, {levels(plant, u)}, {every(plant.Ts)}{said}")
+    shown = plant.inputs_named if plant.channels else (displayed(plant)[0][0],)
+    inputs = (f"{split(n)[0]}, {levels(plant, row, n)}" for n, row in zip(shown, rows, strict=True))
+    length = f"{u.shape[-1] * plant.Ts:.6g} s"
+    click.echo(f"{out}: {length} of {', '.join(inputs)}, {every(plant.Ts)}{said}")

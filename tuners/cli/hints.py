@@ -27,7 +27,7 @@ class Trial:
     def __call__(self, *, sign: int = 1, late: int = 0) -> Result:
         """With the input times `sign`, and the output `late` samples earlier."""
         log = self.log
-        u, y = sign * log.u[: len(log.u) - late], log.y[late:]
+        u, y = sign * log.u[..., : log.u.shape[-1] - late], log.y[..., late:]
         return self.tune(u, y, {name: values[late:] for name, values in log.measured.items()})
 
 
@@ -46,7 +46,7 @@ def hints(tune: Tune, log: Log, result: Result, input_scale: float) -> tuple[str
     if fits(result) or looped(result.checks):
         return ()
     trial = Trial(tune, log)
-    length = len(result.plant.u) * result.plant.Ts
+    length = result.plant.samples * result.plant.Ts
     step, latest = round(STEP * length / log.Ts), int(LATEST * length / log.Ts + 1e-9)
     try:
         if fits(trial(sign=-1)):

@@ -29,6 +29,7 @@ def proposed(
     plant: Plant, wanted: float, way: str, noise: float | None, snr: float | None, seed: int
 ) -> tuple[Array, str]:
     """Input (N,) that gives intervals of a half width, and what to say of it."""
+    plant.check_single("--wanted is for", "Describe a longer or stronger experiment.")
     found = forecast(plant, noise=noise, snr=snr, seed=seed)
     within = room(found, SHORTEST, LONGEST)
     try:

@@ -181,9 +181,10 @@ def displayed(plant: Plant) -> tuple[tuple[str, float], tuple[str, float]]:
     return plant.display or ((input, 1.0), (output, 1.0))
 
 
-def levels(plant: Plant, u: NDArray[np.float64]) -> str:
-    """Range of an input (N,) in the unit for people: ``±1 deg``."""
-    (name, factor), _ = displayed(plant)
+def levels(plant: Plant, u: NDArray[np.float64], name: str = "") -> str:
+    """Range of an input (N,) in the unit for people, ``±1 deg``; of several, of the one named."""
+    (first, factor), _ = displayed(plant)
+    name = name or first
     low, high = factor * float(u.min()), factor * float(u.max())
     start = "±" if np.isclose(-low, high) else "" if low == high else f"{low:.3g} to "
     return start + quantity(high, split(name)[1], digits=3)

@@ -74,6 +74,7 @@ class Parts:
                 f"{_EXPORTED}"
             )
         plant = tuner.plant
+        plant.check_single("exports of tuners take", "Export the gains of a result.")
         chosen = coordinates_of(plant, stages.parametrisation)
         parts = cls(plant, stage, stages.learner, chosen)
         parts._check()

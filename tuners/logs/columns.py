@@ -85,12 +85,37 @@ def find(table: Table, plant: Plant, options: Options) -> Found:
             )
     if quantities["input"].name == quantities["output"].name:
         raise SelectionError(f"Input and output are both column {quantities['input'].name}.")
+    if plant.channels is not None:
+        _check_apart(quantities, roles)
     if "reference" in quantities and quantities["reference"].name == quantities["output"].name:
         raise SelectionError(f"Reference and output are both column {quantities['output'].name}.")
     caution = _caution(roles["input"], quantities["input"].name, plant)
     if caution and abs(options.input_scale) == 1:
         notes.append(f"Column {quantities['input'].name} {caution}")
     return Found(quantities, values, tuple(notes))
+
+
+def _check_apart(quantities: Mapping[str, Quantity], roles: Mapping[str, Role]) -> None:
+    """Each of several channels has a column of its own."""
+    seen: dict[str, str] = {}
+    for key, quantity in quantities.items():
+        words = roles[key].words
+        if quantity.name in seen:
+            raise SelectionError(
+                f"{seen[quantity.name]} and {words} are both column {quantity.name}."
+            )
+        seen[quantity.name] = words
+
+
+def channel(key: str, index: int) -> str:
+    """Role of an input or output: ``input`` of the first, ``input 2`` of the second."""
+    return key if index == 0 else f"{key} {index + 1}"
+
+
+def channels(plant: Plant, key: str) -> list[str]:
+    """Roles of all inputs, or outputs."""
+    named = plant.inputs_named if key == "input" else plant.outputs_named
+    return [channel(key, i) for i in range(len(named))]
 
 
 def _caution(role: Role, column: str, plant: Plant) -> str:
@@ -105,11 +130,15 @@ def _roles(plant: Plant, options: Options) -> Iterator[Role]:
     yield Role("time", "time", "s", ("time", "t"), "--time-unit", own=2)
     warned = tuple(" ".join(names.words(name)) for name in plant.cautions)
     scales = options.input_scale, options.output_scale
-    for key, signal, short, scale in zip(
-        ("input", "output"), plant.signals, "uy", scales, strict=True
+    several = plant.channels is not None
+    for key, signals, short, scale in zip(
+        ("input", "output"), (plant.inputs_named, plant.outputs_named), "uy", scales, strict=True
     ):
-        called = (split(signal)[0], *plant.synonyms.get(key, ()), short)
-        yield Role(key, *split(signal), called, f"--{key}-unit", scale, 1, warned)
+        for i, signal in enumerate(signals):
+            called = (split(signal)[0], *plant.synonyms.get(key, ()), f"{short}{i + 1}")
+            if not several:
+                called = (*called[:-1], short)
+            yield Role(channel(key, i), *split(signal), called, f"--{key}-unit", scale, 1, warned)
     unit = split(plant.signals[1])[1]
     yield Role("reference", "the reference", unit, (), "--output-unit", options.output_scale)
     for key in plant.measured:
@@ -125,7 +154,7 @@ def _by_role(given: Mapping[str, T], roles: dict[str, Role]) -> dict[str, T]:
     for name, value in given.items():
         key = next((k for k, r in roles.items() if _plain(name) in map(_plain, (k, r.words))), None)
         if key is None:
-            measured = list(roles)[4:]
+            measured = list(roles)[list(roles).index("reference") + 1 :]
             raise SelectionError(
                 f"measured {name!r} is unknown. Choose one of {', '.join(measured)}."
                 if measured
@@ -155,6 +184,11 @@ def _column(role: Role, given: str | None, table: Table) -> tuple[str | None, li
             raise LogError(
                 f"No column looks like {role.words}; there are {listed(table.names)}. "
                 f"Name one with --{role.key}-column."
+            )
+        if role.key.startswith(("input ", "output ")):
+            raise LogError(
+                f"No column looks like {role.words}; there are {listed(table.names)}. "
+                f"Call one {role.words}."
             )
         return None, []
     first = ranked[0]

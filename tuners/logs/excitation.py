@@ -6,7 +6,7 @@ the tuner's intervals show its cost.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,12 +75,31 @@ def rms_in_band(x: Array, Ts: float, band: Band | None) -> float:
 
 
 def check(plant: Plant, u: Array, y: Array, measured: Mapping[str, Array], Ts: float) -> Excitation:
-    """Measure the excitation; `LogError` where nothing can be learned."""
-    _check_length(plant, len(u) * Ts)
-    _check_moving(plant, u, y)
+    """Measure the excitation; `LogError` where nothing can be learned.
+
+    Of several inputs (m, N) each must move, and the first is described.
+    """
+    _check_length(plant, u.shape[-1] * Ts)
+    planned, rows = np.atleast_2d(plant.u), np.atleast_2d(u)
+    for signal, given, own in zip(plant.inputs_named, rows, planned, strict=True):
+        _check_input(signal, given, own)
+    for signal, given in zip(plant.outputs_named, np.atleast_2d(y), strict=True):
+        if _still(given):
+            raise LogError(f"{signal} is constant ({given[0]:.3g}): is it the right column?")
     _check_plausible(plant, u, y)
-    band, (name, unit) = band_of(plant), split(plant.signals[0])
-    amplitude, expected = np.ptp(u) / 2, np.ptp(plant.u) / 2
+    found = [
+        _described(plant, *each, Ts) for each in zip(plant.inputs_named, rows, planned, strict=True)
+    ]
+    notes = [note for each in found for note in each.notes]
+    if plant.remarks is not None:
+        notes += plant.remarks(u, y, measured)
+    return replace(found[0], notes=tuple(notes))
+
+
+def _described(plant: Plant, signal: str, u: Array, planned: Array, Ts: float) -> Excitation:
+    """How one input (N,) excites the plant."""
+    band, (name, unit) = band_of(plant), split(signal)
+    amplitude, expected = np.ptp(u) / 2, np.ptp(planned) / 2
     rms = rms_in_band(u, Ts, band)
     within = f" between {band[0]:.2g} and {band[1]:.2g} Hz" if band else ""
     found = f"{rms:.2g} {unit} rms".replace("  ", " ")
@@ -92,25 +111,21 @@ def check(plant: Plant, u: Array, y: Array, measured: Mapping[str, Array], Ts: f
     changes, notes = _changes(u), []
     if rms < _WEAK_RMS * expected:
         notes.append(f"Weak excitation: {found}{within}.")
-    if changes < min(_FEW, _changes(plant.u)):
+    if changes < min(_FEW, _changes(planned)):
         notes.append(f"Little excitation: {name} crosses its middle {_times(changes)}.")
-    if plant.remarks is not None:
-        notes += plant.remarks(u, y, measured)
     return Excitation(len(u) * Ts, float(amplitude), band, rms, changes, tuple(notes))
 
 
 def _check_length(plant: Plant, duration: float) -> None:
-    least = SHORTEST * len(plant.u) * plant.Ts
+    least = SHORTEST * plant.samples * plant.Ts
     if duration < least:
         raise LogError(f"{duration:.2f} s are too short; at least {least:g} s are needed.")
 
 
-def _check_moving(plant: Plant, u: Array, y: Array) -> None:
+def _check_input(signal: str, u: Array, planned: Array) -> None:
     """Refuse what can tell nothing; a constant input is a step if that is the experiment."""
-    if _still(u) and (u[0] == 0 or not _still(plant.u)):
-        raise LogError(f"{plant.signals[0]} is constant ({u[0]:.3g}): nothing moves.")
-    if _still(y):
-        raise LogError(f"{plant.signals[1]} is constant ({y[0]:.3g}): is it the right column?")
+    if _still(u) and (u[0] == 0 or not _still(planned)):
+        raise LogError(f"{signal} is constant ({u[0]:.3g}): nothing moves.")
 
 
 def _check_plausible(plant: Plant, u: Array, y: Array) -> None:

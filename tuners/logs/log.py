@@ -7,7 +7,7 @@ import numpy as np
 
 from tuners.logs import excitation, measured
 from tuners.logs.actuator import through_actuator
-from tuners.logs.columns import Quantity, find
+from tuners.logs.columns import Quantity, channels, find
 from tuners.logs.excitation import Excitation
 from tuners.logs.formats import read_table
 from tuners.logs.options import Options
@@ -29,7 +29,7 @@ class Log:
     t0 : float
         Time of the first sample, as the recording counts it [s].
     u, y : NDArray
-        (N,) input and measured output.
+        (N,) input and measured output; a row for each of several.
     Ts : float
         Sampling time [s].
     measured : dict
@@ -64,12 +64,12 @@ class Log:
     @property
     def time(self) -> Array:
         """(N,) as the recording counts it [s]."""
-        return np.asarray(self.t0 + self.Ts * np.arange(len(self.u), dtype=np.float64))
+        return np.asarray(self.t0 + self.Ts * np.arange(self.u.shape[-1], dtype=np.float64))
 
     @property
     def duration(self) -> float:
         """[s]."""
-        return len(self.u) * self.Ts
+        return float(self.u.shape[-1] * self.Ts)
 
 
 def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
@@ -106,14 +106,16 @@ def log_of(table: Table, plant: Plant, options: Options) -> Log:
 
 def _log(table: Table, plant: Plant, options: Options) -> Log:
     _check_reference(options)
+    if plant.channels is not None and (options.drove or "reference" in options.columns):
+        raise SelectionError("--reference is for plants with one input and one output.")
     found = find(table, plant, options)
     base, signals, lost = sampled(found.quantities, _plan(found.quantities, plant, options))
     chosen = choose(base, signals, plant, options)
     part = chosen.part
     signals = {role: values[part] for role, values in signals.items()}
-    u, y, reference = (signals.pop(role, None) for role in ("input", "output", "reference"))
-    assert u is not None and y is not None
-    parameters, assumed = measured.parameters(plant, signals, found.values, len(u))
+    reference = signals.pop("reference", None)
+    u, y = (_rows(plant, role, signals) for role in ("input", "output"))
+    parameters, assumed = measured.parameters(plant, signals, found.values, u.shape[-1])
     excited = excitation.check(plant, u, y, parameters, base.Ts)
     notes = (
         *table.notes,
@@ -133,6 +135,12 @@ def _log(table: Table, plant: Plant, options: Options) -> Log:
     if options.drove is not None:
         log = replace(log, reference=_rebuilt(log, plant, options.drove))
     return log if options.input_is == "command" else _whole_plant(log, plant)
+
+
+def _rows(plant: Plant, role: str, signals: dict[str, Array]) -> Array:
+    """Input or output (N,), or a row for each of several, taken out of the signals."""
+    rows = [signals.pop(key) for key in channels(plant, role)]
+    return rows[0] if plant.channels is None else np.stack(rows)
 
 
 def _held(plant: Plant, options: Options) -> bool:
@@ -172,9 +180,9 @@ def _plan(found: dict[str, Quantity], plant: Plant, options: Options) -> Plan:
     """How the quantities come to one grid; some plants' recordings start at rest."""
     return Plan(
         clock="output",
-        least=excitation.SHORTEST * len(plant.u) * plant.Ts,
+        least=excitation.SHORTEST * plant.samples * plant.Ts,
         pace=pace_of(plant),
-        held=("input", "reference") if _held(plant, options) else (),
+        held=(*channels(plant, "input"), "reference") if _held(plant, options) else (),
         slow=tuple(name for name in plant.measured if name in found),
         Ts=options.Ts,
         begin=None if anytime(plant) else -np.inf if options.start is None else options.start,

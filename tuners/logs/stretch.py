@@ -61,8 +61,8 @@ def choose(base: TimeBase, signals: Mapping[str, Array], plant: Plant, options: 
         part = between(base.grid, options.start, options.stop)
         return Stretch(part, (), _whole(base, u, measured, part))
     everything = slice(0, len(base.grid))
-    samples = round(LONGEST * len(plant.u) * plant.Ts / base.Ts)
-    if not anytime(plant) or len(u) <= samples:
+    samples = round(LONGEST * plant.samples * plant.Ts / base.Ts)
+    if not anytime(plant) or len(u) <= samples or plant.channels is not None:
         return Stretch(everything)
     power, steady, within = _judged(u, measured, base.Ts, plant, samples)
     part = best(power, steady, within, samples)

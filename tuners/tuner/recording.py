@@ -127,7 +127,7 @@ class Recording:
             Rows as in the environment: input, output, then the measured parameters if they are
             visible, and all others too if the truth is.
         """
-        _check_single(plant)
+        plant.check_single("environments are for", "Use tune(u, y, Ts).")
         array = validation.real_array("obs", obs)
         if array.dtype != np.float32:  # a batch of the environment's is converted last, in parts
             array = np.asarray(array, dtype=np.float64)
@@ -253,13 +253,6 @@ def _signals(name: str, value: ArrayLike, channels: Any, of: int) -> Array:
     found = validation.finite_array(name, value, shape=(len(channels[of]), None))
     _check_size(name, found)
     return found
-
-
-def _check_single(plant: Plant) -> None:
-    if plant.channels is not None:
-        raise ValueError(
-            "plant: environments are for plants with one input and one output. Use tune(u, y, Ts)."
-        )
 
 
 def _check_size(name: str, values: NDArray[np.floating]) -> None:

@@ -83,6 +83,7 @@ class Interface:
     @classmethod
     def of(cls, plant: Plant) -> Self:
         """The default: measured parameters are visible, gains are those that the prior needs."""
+        plant.check_single("environments are for", "Train a tuner, which needs none.")
         shape = (2 + len(plant.measured_names), len(plant.u))
         return cls(
             plant,

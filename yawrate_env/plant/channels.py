@@ -49,6 +49,11 @@ class Channels:
         """Names of the q outputs."""
         return self.signals[1:] if self.channels is None else self.channels[1]
 
+    def check_single(self, what: str, instead: str) -> None:
+        """``ValueError`` where a plant with several channels meets what knows one of each."""
+        if self.channels is not None:
+            raise ValueError(f"plant: {what} one input and one output. {instead}")
+
     def stacked(self, y: Array) -> Array:
         """Outputs (B, q, N) as (B, q N); those of one output, and stacked ones, stay so."""
         return y if y.ndim == 2 else (self.weights * y).reshape(len(y), -1)

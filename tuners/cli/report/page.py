@@ -48,6 +48,7 @@ def render(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> st
     logs : sequence of Log
         All of them, where there are several.
     """
+    result.plant.check_single("reports draw", "Leave --report out.")
     if logs:  # they are drawn one after the other
         log = replace(log, source=", ".join(one.source for one in logs), t0=0.0)
     plant, fit = result.plant, result.fit

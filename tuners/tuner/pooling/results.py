@@ -68,6 +68,8 @@ def pools(
     """Results of several recordings at operating points, or at the one they have in common."""
     validation.count("number of recordings", len(recordings), remedy="Give one or more.")
     plant, given = tuner.plant, [*recordings, *([] if validate is None else [validate])]
+    if len(given) > 1:
+        plant.check_single("several recordings pool for", "Tune from each.")
     looks = [
         replace(tuner.look(recording, start), name=name)
         for recording, name in zip(given, names(given, given_names), strict=True)
