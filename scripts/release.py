@@ -12,6 +12,8 @@ commands for engineers there.
 import shutil
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import click
@@ -84,9 +86,9 @@ def extras() -> str:
     """A table of how many distributions each extra brings on each Python."""
     names = sorted(source.project(ROOT)["optional-dependencies"])
     rows = []
-    with Bars() as bars:
+    with Bars() as bars, ThreadPoolExecutor(len(SUPPORTED)) as pool:
         for i, name in enumerate(names):
-            rows.append((name, *(str(trial.resolve(ROOT, name, v)) for v in SUPPORTED)))
+            rows.append((name, *pool.map(partial(trial.resolve, ROOT, name), SUPPORTED)))
             bars("extras resolved", i + 1, len(names))
     return table(("distributions of", *(f"Python {v}" for v in SUPPORTED)), rows)
 

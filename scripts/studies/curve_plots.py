@@ -13,8 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
-from studies.comparison import Score, curve
-from studies.palette import INK, STYLE, WIDTH, colour
+from studies.comparison import TEST_EPISODES, Score, curve
+from studies.palette import INK, STYLE, WIDTH, chance, colour
 
 _LINE = 0.065  # height of a name, as a share of the panel's
 
@@ -36,13 +36,13 @@ def learning_curves(scores: Sequence[Score]) -> Figure:
         _panel(above, scores, lambda s: s.error)
         _panel(below, scores, lambda s: s.phase_margin[1])
         above.set_ylabel("mean margin error [1 = 10° or 0.25 Hz]")
-        below.set_ylabel("standard deviation of phase_margin [deg]")
+        below.set_ylabel("standard deviation of the phase margin [deg]")
         below.set_xlabel("simulated episodes")
         many = f"{seeds} seeds" if seeds == most else f"{seeds} to {most} seeds"
         many = f"interquartile mean of {many} and its 95 % interval"
         picture.supxlabel(
             f"Agents: {many if most > 1 else 'one seed'}.  Dots: two stages.  "
-            "Dashed: no training.  oracle: 0.",
+            f"Dashed: no training.  oracle: 0.\n{chance(TEST_EPISODES)}",
             fontsize=8, color=INK, x=0.01, ha="left",
         )  # fmt: skip
         picture.align_ylabels()
@@ -85,12 +85,13 @@ def name_ends(axes: Axes, ends: dict[str, float]) -> None:
     for name, wish, y in zip(order, wanted, apart(wanted, _LINE), strict=True):
         axes.annotate(
             name, (1.0, wish), (1.035, y), xycoords="axes fraction", color=colour(name),
-            va="center", arrowprops={"arrowstyle": "-", "color": colour(name), "lw": 0.7},
+            va="center",
+            arrowprops={"arrowstyle": "-", "color": colour(name), "lw": 0.7, "relpos": (0, 0.5)},
         )  # fmt: skip
 
 
 def apart(wanted: np.ndarray[tuple[int], np.dtype[np.float64]], gap: float) -> list[float]:
-    """Ascending positions at least `gap` apart, each group of neighbours about its mean."""
+    """Ascending positions from 0 up and at least `gap` apart, neighbours about their mean."""
     groups: list[list[float]] = []
     for position in wanted:
         groups.append([float(position)])
@@ -103,4 +104,4 @@ def apart(wanted: np.ndarray[tuple[int], np.dtype[np.float64]], gap: float) -> l
 
 
 def _start(group: list[float], gap: float) -> float:
-    return float(np.mean(group)) - gap * (len(group) - 1) / 2
+    return max(0.0, float(np.mean(group)) - gap * (len(group) - 1) / 2)

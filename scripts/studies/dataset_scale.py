@@ -137,7 +137,7 @@ def picture(result: dict[str, Any]) -> Any:
     """Draw time with its line, and memory with its limit, against episodes."""
     from matplotlib import style
     from matplotlib.figure import Figure
-    from matplotlib.ticker import NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     from studies.palette import COLOURS, INK, STYLE, WIDTH
 
@@ -156,6 +156,8 @@ def picture(result: dict[str, Any]) -> Any:
             (0.05, 0.92), xycoords="axes fraction", color=INK, va="top",
         )  # fmt: skip
         left.set(xscale="log", yscale="log", xlabel="episodes", ylabel="time [s]")
+        left.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=99))
+        left.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
         left.yaxis.set_minor_formatter(NullFormatter())
         right.plot(n, peak, "o-", color=COLOURS["gb"])
         right.axhline(MEMORY_LIMIT, color=INK, lw=1, ls=(0, (5, 3)))

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
 from studies.curve_plots import name_ends
 from studies.learning import BOUND
-from studies.palette import INK, STYLE, WIDTH, colour
+from studies.palette import INK, STYLE, WIDTH, chance, colour
 from studies.rows import Row
 
 
@@ -26,7 +26,7 @@ def curves(rows: Sequence[Row]) -> Figure:
         below.set_xlabel("training vehicles")
         picture.supxlabel(
             f"{rows[0]['episodes']} test episodes.  Bands: 95 % bootstrap intervals over them.  "
-            "Dashed: no training.",
+            f"Dashed: no training.\n{chance(rows[0]['episodes'])}",
             fontsize=8, color=INK, x=0.01, ha="left",
         )  # fmt: skip
         picture.align_ylabels()

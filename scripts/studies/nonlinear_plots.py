@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, Score, task_at
 from studies.nonlinear_speed import driven
-from studies.palette import INK, STYLE, WIDTH
+from studies.palette import INK, MODEL, STYLE, WIDTH, colour
 from yawrate_env.env import rendering
 from yawrate_env.vehicle.episode import excitation
 from yawrate_env.vehicle.nonlinear import Tyre
@@ -22,8 +22,14 @@ from yawrate_env.vehicle.single_track import Context, Vehicle
 
 Array = NDArray[np.float64]
 
-FRICTIONS = {0.3: "#0072B2", 0.7: "#009E73", 1.1: "#D55E00"}
-HUES = {LINEAR: "#D55E00", NONLINEAR: "#009E73", GRAY: "#0072B2", MISTAKEN: "#E69F00"}
+FRICTIONS = {0.3: "#b9bec4", 0.7: "#7b838c", 1.1: INK}
+# One tuner has one colour, whatever it was trained on; the gray box covers the widest line.
+LOOKS: dict[str, dict[str, Any]] = {
+    LINEAR: {"color": colour("ts-ff-lag"), "marker": "o", "lw": 4, "ms": 7, "alpha": 0.6},
+    NONLINEAR: {"color": colour("ts-ff-lag"), "marker": "s", "lw": 1.5, "ms": 4},
+    GRAY: {"color": colour("gb"), "marker": "o", "lw": 1.5, "ms": 4},
+    MISTAKEN: {"color": colour("ts-ff-lag"), "marker": "^", "lw": 1.5, "ms": 5},
+}
 _SHOWN = 3.0  # seconds of the response
 
 
@@ -68,7 +74,7 @@ def _response(axes: Axes) -> None:
         count = round(_SHOWN / task.experiment.Ts)
         y = driven(task, context, u[:, :count])[0]
         time = task.experiment.Ts * np.arange(count)
-        line = {"color": INK, "lw": 1.5} if nonlinear else {"color": "#b0307a", "lw": 1.1}
+        line = {"color": INK, "lw": 1.5} if nonlinear else {"color": MODEL, "lw": 1.1}
         axes.plot(time, np.degrees(y), **line, label="nonlinear" if nonlinear else "linear")  # type: ignore[arg-type]
     axes.plot(time, np.degrees(u[0, :count]), color=rendering.COMMAND, lw=0.8, label="command",
               drawstyle="steps-post")  # fmt: skip
@@ -78,19 +84,15 @@ def _response(axes: Axes) -> None:
 
 
 def _errors(axes: Axes, scores: Sequence[Score], what: str, label: str) -> None:
-    for name, hue in HUES.items():
+    for name, look in LOOKS.items():
         for low, line in ((False, "-"), (True, ":")):
             part = [s for s in scores if s.tuner == name and s.low_friction == low]
             axes.plot(
                 [s.amplitude for s in part],
                 [getattr(s, what) for s in part],
-                color=hue,
                 ls=line,
-                lw=4 if name == LINEAR else 1.5,  # the gray box covers it
-                marker="o",
-                ms=7 if name == LINEAR else 4,
-                alpha=0.5 if name == LINEAR else 1.0,
                 label=None if low else name,
+                **look,
             )
     axes.set(xscale="log", yscale="log", xlabel="command [deg]", ylabel=label)
     axes.set_xticks(sorted({s.amplitude for s in scores}))

@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+import msgspec
+
 from studies.conditions import SWEEPS, Level
 from studies.markdown import general, table
 from studies.off_design import Accuracy, Cell
@@ -51,14 +53,7 @@ def write(cells: Sequence[Cell], seed: int, folder: Path) -> None:
 def read(folder: Path) -> tuple[list[Cell], int]:
     """Cells and seed of ``off_design.json``."""
     found = json.loads((folder / "off_design.json").read_text("utf-8"))
-    metrics = "phase_margin", "crossover"
-    cells = [
-        Cell(
-            **(c | {m: Accuracy(**{**c[m], "interval": _pair(c[m]["interval"])}) for m in metrics})
-        )
-        for c in found["cells"]
-    ]
-    return cells, int(found["conditions"]["seed"])
+    return msgspec.convert(found["cells"], list[Cell]), int(found["conditions"]["seed"])
 
 
 def joined(folder: Path, cells: Sequence[Cell], seed: int) -> list[Cell]:
@@ -81,10 +76,6 @@ def joined(folder: Path, cells: Sequence[Cell], seed: int) -> list[Cell]:
     for c in [*(c for c in stored if c.tuner not in new), *cells]:
         kept.setdefault((c.condition, c.level), []).append(c)
     return [c for row in kept.values() for c in row]
-
-
-def _pair(values: Sequence[float] | None) -> tuple[float, float] | None:
-    return None if values is None else (values[0], values[1])
 
 
 def _conditions(cells: Sequence[Cell], seed: int) -> dict[str, object]:

@@ -176,6 +176,7 @@ def draw_figures(
             {name: (e.metrics[:, 0], e.metrics[:, 1]) for name, e in shown.items()},
             (task.target.phase_margin, task.target.crossover),
             (float(spread[0]), float(spread[1])),
+            [name for name in found if name not in shown],
         ),
         "fig8": lambda: _tracking(task, {name: tuners[name] for name in SHOWN}),
     }

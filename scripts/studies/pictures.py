@@ -8,18 +8,21 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from studies.conditions import SPEED, SWEEPS, Sweep
 from studies.off_design import Cell
 from studies.off_design_page import shown_level
-from studies.palette import INK, STYLE, WIDTH, colour
+from studies.palette import INK, STYLE, WIDTH, chance, colour
 from studies.players import LADDER
 from studies.schedule import Bin, Price, Schedule
 from studies.trusting import MISS
 
 _BOUND: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 3)), "zorder": 1.5}
 _MISS: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (1, 2)), "zorder": 1.5}
+_DESIGN: dict[str, Any] = {"color": "#f0efe9", "lw": 0}
+_DOTS = 7.5, 2.5  # sizes of the first tuner's dots and the last one's
 _COLUMNS = 3
 _ASIDE = 0.015  # of a panel's width, between tuners
 _WIDEST = 0.7  # of a level's width, for all tuners
@@ -31,7 +34,8 @@ def off_design(cells: Sequence[Cell]) -> Figure:
 
     A dot is full where at least half of the gains were trusted and hollow where fewer
     were, a triangle where loops were unstable; a cross on the upper edge says that a tuner
-    refused.  The design point is shaded.
+    refused.  The design point is shaded.  Tuners stand side by side at levels that are words, and
+    within each other, later ones smaller, at numbers.
     """
     drawn = {c.condition for c in cells}
     sweeps = [sweep for sweep in SWEEPS if sweep.name in drawn]
@@ -47,8 +51,11 @@ def off_design(cells: Sequence[Cell]) -> Figure:
             _numbers(axes, (1,))
         for axes in grid.flat[len(sweeps) :]:
             axes.set_axis_off()
-        picture.supylabel("rms error of phase_margin [deg]", fontsize=STYLE["font.size"])
+        picture.supylabel("rms error of the phase margin [deg]", fontsize=STYLE["font.size"])
         _key(grid.flat[len(sweeps)], names)
+        picture.supxlabel(
+            f"* {chance(cells[0].episodes)}", fontsize=8, color=INK, x=0.01, ha="left"
+        )
     return picture
 
 
@@ -57,24 +64,30 @@ def _condition(axes: Axes, sweep: Sweep, cells: Sequence[Cell], names: Sequence[
     axes.set_xticks(range(len(at)), [shown_level(level) for level in at])
     axes.set(xlim=(-0.5, len(at) - 0.5), xlabel=sweep.name)
     axes.axhline(MISS[0], **_MISS)
-    axes.axvspan(at[sweep.design] - 0.5, at[sweep.design] + 0.5, color="#f0efe9", lw=0, zorder=0)
+    axes.axvspan(at[sweep.design] - 0.5, at[sweep.design] + 0.5, **_DESIGN, zorder=0)
     bounds = {at[c.level]: c.phase_margin.bound for c in cells if c.phase_margin.bound}
     for middle, bound in bounds.items():
         axes.hlines(bound, middle - 0.5, middle + 0.5, **_BOUND)
-    aside = min(_ASIDE * len(at), _WIDEST / len(names))
+    words = all(isinstance(level, str) for level in at)
+    aside = min(_ASIDE * len(at), _WIDEST / len(names)) if words else 0.0
     for k, name in enumerate(names):
         row = [c for c in cells if c.tuner == name]
         x = np.array([at[c.level] for c in row]) + (k - (len(names) - 1) / 2) * aside
         y = np.array([np.nan if c.phase_margin.rms is None else c.phase_margin.rms for c in row])
         axes.plot(x, y, color=colour(name), lw=1.8 if name == LADDER else 0.9, alpha=0.7)
         for c, place in zip(row, x, strict=True):
-            _mark(axes, place, c)
+            _mark(axes, place, c, 4.0 if words else _sizes(len(names))[k])
 
 
-def _mark(axes: Axes, x: float, c: Cell) -> None:
+def _sizes(count: int) -> list[float]:
+    """Of dots that stand within each other."""
+    return np.linspace(*_DOTS, count).tolist() if count > 1 else [4.0]
+
+
+def _mark(axes: Axes, x: float, c: Cell, size: float) -> None:
     """One dot, or whatever else became of a cell; on the upper edge where it has no error."""
     mostly_trusted = c.trusted >= c.episodes / 2
-    look: dict[str, Any] = {"color": colour(c.tuner), "ms": 4, "mew": 1.2, "ls": ""}
+    look: dict[str, Any] = {"color": colour(c.tuner), "ms": size, "mew": 1.2, "ls": ""}
     look["marker"] = "x" if c.refused else "^" if c.unstable else "o"
     look["mfc"] = look["color"] if mostly_trusted else "white"
     if c.phase_margin.rms is None:
@@ -85,14 +98,15 @@ def _mark(axes: Axes, x: float, c: Cell) -> None:
 
 def _key(axes: Axes, names: Sequence[str]) -> None:
     dot: dict[str, Any] = {"marker": "o", "ms": 4}
-    entries = [Line2D([], [], color=colour(n), lw=0.9, **dot, label=n) for n in names]
+    entries: list[Any] = [Line2D([], [], color=colour(n), lw=0.9, **dot, label=n) for n in names]
     entries += [
         Line2D([], [], color=INK, ls="", **dot, label="trusted"),
         Line2D([], [], color=INK, ls="", mfc="white", **dot, label="mostly refused"),
         Line2D([], [], color=INK, ls="", marker="^", ms=4, label="some loops unstable"),
         Line2D([], [], color=INK, ls="", marker="x", ms=4, label="refused"),
-        Line2D([], [], **_BOUND, label="Cramér–Rao bound"),
+        Line2D([], [], **_BOUND, label="Cramér–Rao bound*"),
         Line2D([], [], **_MISS, label=f"a miss: {MISS[0]:g}°"),
+        Patch(**_DESIGN, label="design point"),
     ]
     key = axes.legend(handles=entries, loc="center left", bbox_to_anchor=(0.1, 0.5), ncols=2)
     key.set_in_layout(False)  # it reaches into the empty panel beside
@@ -128,7 +142,7 @@ def schedule(rows: Sequence[Schedule], bins: Sequence[Bin], prices: Sequence[Pri
         _accuracy(errors, bins)
         for found, dashes in zip(prices, ("-", "-", "--", ":"), strict=False):
             _price(wrong, found, dashes)
-        wrong.set(xlabel=SPEED.name, ylabel="rms error of phase_margin [deg]", ylim=(0, None))
+        wrong.set(xlabel=SPEED.name, ylabel="rms error of the phase margin [deg]", ylim=(0, None))
         wrong.legend(fontsize=8)
         for axes in (kp, Ti, errors):
             _numbers(axes, (1, 2, 5))
@@ -138,12 +152,14 @@ def schedule(rows: Sequence[Schedule], bins: Sequence[Bin], prices: Sequence[Pri
 def _accuracy(axes: Axes, bins: Sequence[Bin]) -> None:
     edges = [b.low for b in bins] + [bins[-1].high]
     found, hue = [b.phase_margin for b in bins], colour("ts-ff-lag-vx")
-    _stairs(axes, edges, [a.rms for a in found], color=hue, lw=1.8, label="tuner")
+    _stairs(axes, edges, [a.rms for a in found], color=hue, lw=1.8, label="ts-ff-lag-vx")
     _stairs(axes, edges, [a.bound for a in found], **_BOUND, label="Cramér–Rao bound")
     for b in bins:
         if b.phase_margin.interval:
-            axes.fill_between([b.low, b.high], *b.phase_margin.interval, color=hue, alpha=0.2, lw=0)
-    axes.set(xlabel="speed [m/s]", ylabel="rms error of phase_margin [deg]", yscale="log")
+            label = None if b.low > bins[0].low else "95 % interval"
+            band: dict[str, Any] = {"color": hue, "alpha": 0.2, "lw": 0, "label": label}
+            axes.fill_between([b.low, b.high], *b.phase_margin.interval, **band)
+    axes.set(xlabel="speed [m/s]", ylabel="rms error of the phase margin [deg]", yscale="log")
     axes.legend(fontsize=8)
 
 

@@ -5,7 +5,7 @@ colour in all of them.  Neither pyplot nor the global settings are touched.
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from studies.palette import DPI, INK, MODEL, NOISE, STYLE, WIDTH, ZOOM, colour
+from studies.palette import DPI, INK, MODEL, NOISE, STYLE, WIDTH, ZOOM, chance, colour
 from yawrate_env.env import rendering
 from yawrate_env.files import replacing
 
@@ -149,11 +149,15 @@ def tracking(
 
 
 def margin_scatter(
-    points: Mapping[str, tuple[Array, Array]], target: Pair, bound: Pair | None
+    points: Mapping[str, tuple[Array, Array]],
+    target: Pair,
+    bound: Pair | None,
+    others: Sequence[str] = (),
 ) -> Figure:
     """Draw how far loops end from their target: dots, half of them in an ellipse, and the rms.
 
-    Dots closer to the target than a hundredth of the bound (or the least rms) are left out.
+    Dots closer to the target than a hundredth of the bound (or the least rms) are left out, and
+    counted below the picture.
 
     Parameters
     ----------
@@ -161,6 +165,8 @@ def margin_scatter(
         Phase margin [deg] and crossover [Hz] by tuner; `nan` where there is none.
     target, bound : (float, float)
         The same: wanted, and least standard deviations of an unbiased tuner, or None.
+    others : sequence of str
+        Tuners that are not drawn, which the picture says.
     """
     wanted = np.array(target)[:, None]
     errors = {name: np.abs(np.stack(_finite(*pair)) - wanted) for name, pair in points.items()}
@@ -184,6 +190,9 @@ def margin_scatter(
             _mark(axes, rms[name], f"{name}, n = {error.shape[1]}", colour(name), "o", 8.5)
         words = "rms distance\ndots: episodes, ellipses: half of them"
         axes.legend(title=words, loc="lower right", frameon=True, alignment="left")
+        fewest = min(error.shape[1] for error in errors.values())
+        said = _left_out(errors, floor, others) + ([chance(fewest)] if bound and fewest else [])
+        picture.supxlabel("\n".join(said), fontsize=8, color=INK, x=0.01, ha="left")
     return picture
 
 
@@ -192,6 +201,16 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     with style.context(["default", STYLE]), replacing(path) as file:
         figure.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
+
+
+def _left_out(errors: Mapping[str, Array], floor: Array, others: Sequence[str]) -> list[str]:
+    """Say which dots and tuners a scatter of (2, E) distances does not show."""
+    nearer = sum(int((error < floor[:, None]).any(axis=0).sum()) for error in errors.values())
+    of = sum(error.shape[1] for error in errors.values())
+    dots = f"{nearer} of {of} dots, nearer than the axes' ends"
+    if not others:
+        return [f"Left out: {dots}."]
+    return [f"Left out: {dots}; and of the table's rows", f"{', '.join(others)}."]
 
 
 def _finite(a: Array, b: Array) -> tuple[Array, Array]:
