@@ -26,8 +26,7 @@ seen after the window it happened in.
 **Why a tuner on every window alone is worse than never.** A window has one manoeuvre of less than 5
 s where identification has 10 s of pseudo-random steering, and nothing that earlier windows told is
 kept; without the reference the loop's feedback looks like the vehicle, too. The tuners know it, and
-refuse most windows: with refusals heeded gains change rarely, and what is let through is no better
-than the gains of the start on the same, few drives.
+refuse nearly every window: with refusals heeded gains hardly ever change from those of the start.
 `every window alone, with the prior` reads the same windows by prediction errors, which feedback
 does not bias, and helps itself with the prior: above never, below the filter, since it forgets.
 
