@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
-from stable_baselines3.common.utils import safe_mean
+from stable_baselines3.common.utils import configure_logger, safe_mean
 
 from tuners.agents.cone import Cone
 from tuners.agents.critic import FAR, explored, refitted
@@ -211,6 +211,22 @@ class NAF(BaseAlgorithm):
             if log_interval and self._n_updates % log_interval == 0:
                 self._log()
         callback.on_training_end()
+        return self
+
+    def learn_offline(
+        self, observations: NDArray[Any], actions: NDArray[Any], rewards: NDArray[Any]
+    ) -> Self:
+        """Learn from recorded episodes (N, ...), (N, ...), (N,), as if they came in this order."""
+        if not self._custom_logger:
+            self._logger = configure_logger(self.verbose, self.tensorboard_log, "NAF")
+        count, done = len(rewards), 0
+        while done < count:
+            due = max(self.learning_starts, int(self.growth * self.fitted))
+            rows = slice(done, done + max(due - self.episodes, 1))
+            new = np.asarray(observations[rows], dtype=np.float64)
+            self._remember(new, np.asarray(actions[rows]), rewards[rows])
+            done += len(new)
+            self.train()
         return self
 
     def train(self) -> None:
