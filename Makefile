@@ -68,6 +68,8 @@ results: reproduce accuracy robustness closed-loops ## everything in results/: a
 	done
 	@echo "==> scripts/recalibration.py"
 	@$(BIN)/python scripts/recalibration.py
+	@echo "==> scripts/leaderboard.py"
+	@$(BIN)/python scripts/leaderboard.py
 	@echo "==> scripts/make_results.py"
 	@$(BIN)/python scripts/make_results.py
 

@@ -2,6 +2,7 @@
 
 python scripts/compare_rl.py                     # five seeds of each agent, about an hour
 python scripts/compare_rl.py --agent naf-laguerre --seeds 10
+python scripts/compare_rl.py --offline --seeds 3 # agents that learn from Minari data sets, alone
 
 Trained agents are kept in runs/rl and found again; results go to results/ and figures/, where those
 of agents that are not asked for stay.
@@ -23,15 +24,27 @@ AGENTS = ("naf-laguerre", "naf-plain-laguerre", "sac-laguerre", "td3-laguerre", 
 @counted("--seeds", 5, "Of each agent.")
 @counted("--episodes", 20_000, "Of each training.")
 @click.option("--folder", type=FOLDER, default=Path("runs/rl"), help="Trained agents.")
+@click.option("--offline", is_flag=True, help="Agents that learn from Minari data sets, alone.")
 @folders
 def main(
-    agent: tuple[str, ...], seeds: int, episodes: int, folder: Path, results: Path, figures: Path
+    agent: tuple[str, ...],
+    seeds: int,
+    episodes: int,
+    folder: Path,
+    offline: bool,
+    results: Path,
+    figures: Path,
 ) -> None:
     runs = [
         (algorithm, features) for algorithm, features in (name.rsplit("-", 1) for name in agent)
     ]
     with Bars() as bars:
-        scores = comparison.compare(runs, seeds, episodes, folder, bars)
+        if offline:
+            from studies.offline import scores as of_sets  # imports Minari, an extra
+
+            scores = list(of_sets(episodes, seeds, bars))
+        else:
+            scores = comparison.compare(runs, seeds, episodes, folder, bars)
     scores = comparison.write(scores, results)
     plots.save(curve_plots.learning_curves(scores), figures / "rl.png")
     print(comparison.to_markdown(scores))

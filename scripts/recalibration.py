@@ -18,8 +18,8 @@ from yawrate_env.files import write_text
 @program(__doc__)
 @counted("--drives", 400, "Of 50 windows each; a quarter of them under each fault.")
 @counted("--tuned", 4, "Drives on which tuners answer every window.")
-@counted("--networks", 3, "Seeds of the recurrent network.")
-@counted("--lessons", 400, "Drives that teach each.")
+@counted("--agents", 5, "Seeds of the agent.")
+@counted("--windows", 20_000, "That each learns from.")
 @click.option("--tuner", "names", multiple=True, default=("bb", "ts-ff-lag-vx"), help="Tuners.")
 @seed(help="Of the drives.")
 @counted("--batch", 256, "Drives in the environment whose speed is measured.")
@@ -29,8 +29,8 @@ from yawrate_env.files import write_text
 def main(
     drives: int,
     tuned: int,
-    networks: int,
-    lessons: int,
+    agents: int,
+    windows: int,
     names: tuple[str, ...],
     seed: int,
     batch: int,
@@ -45,7 +45,8 @@ def main(
             found = json.loads(stored.read_text())
         else:
             found = recalibration.study(drives, tuned, seed, names, bars)
-            found["rows"] += recalibration_agent.rows(drives, lessons, networks, seed, bars)
+            found["learned"] = windows
+            found["rows"] += recalibration_agent.rows(drives, windows, agents, seed, bars)
     found["speed"] = recalibration.speed(batch, rounds)
     write_text(stored, json.dumps(found, indent=1, allow_nan=False) + "\n")
     page = recalibration_page.page(found)

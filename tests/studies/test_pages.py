@@ -12,6 +12,7 @@ from studies import (
     closed_loops_page,
     comparison,
     dataset_scale,
+    leaderboard,
     learning,
     million,
     nonlinear,
@@ -101,6 +102,7 @@ PAGES = {
     "accuracy": lambda: accuracy_page.page(RESULTS),
     "closed_loops": lambda: closed_loops_page.page(*closed_loops_page.read(stored("closed_loops"))),
     "recalibration": lambda: recalibration_page.page(stored("recalibration")),
+    "leaderboard": lambda: leaderboard.page(leaderboard.entries(RESULTS / "leaderboard")),
     "robustness": lambda: robustness_page.page(*robustness_page.read(stored("robustness"))),
     "README": scoreboard,
 }

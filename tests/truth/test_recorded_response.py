@@ -9,6 +9,7 @@ from scipy.signal import cont2discrete, freqz, lfilter
 import tuners
 from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import black_box
+from tuners.trust.likely_prior import most_likely
 from tuners.trust.response import Response
 from yawrate_env.loop.design import required_response
 from yawrate_env.plant.episodes import recorded
@@ -24,6 +25,14 @@ TARGET = EVERY_SPEED.target
 def response_of(u, y, start="auto", target=TARGET):
     model = black_box(VEHICLES, Laguerre(24, 16.0), np.atleast_2d(u), np.atleast_2d(y), start)
     return Response.of(model, target)
+
+
+def test_energy_that_rounding_made_negative_costs_its_own_row_only():
+    gram, right = np.stack([np.eye(3)] * 2), np.array([[1.0, 0.5, 0.1]] * 2)
+    found = most_likely(gram, right, np.array([1.3, -1e16]), np.array([0.01, 0.01]))
+    alone = most_likely(gram[:1], right[:1], np.array([1.3]), np.array([0.01]))
+    np.testing.assert_array_equal(found.coefficients[0], alone.coefficients[0])
+    assert found.coefficients[0].any() and not found.coefficients[1].any()
 
 
 def test_the_first_function_is_a_first_order_lag_that_any_clock_samples_exactly():

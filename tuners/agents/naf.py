@@ -23,17 +23,13 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
-from stable_baselines3.common.utils import safe_mean
+from stable_baselines3.common.utils import configure_logger, safe_mean
 
-from tuners.agents.cone import Cone, fit
+from tuners.agents.cone import Cone
+from tuners.agents.critic import FAR, explored, refitted
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
-
-_WIDEST = 0.7  # exploration, in units of the error
-_FAR, _FARTHER = 0.15, 4.0  # share of the actions that are drawn from a wider Gaussian, and how
-_CURVATURE = 0.5  # how far off a cone is at errors of one
-_STEPS = 25
 
 
 def negative(rewards: Array) -> Array:
@@ -93,15 +89,14 @@ class ConePolicy(BasePolicy):
 
     def _predict(self, observation: Any, deterministic: bool = False) -> torch.Tensor:
         x, m = self.standardised(observation.numpy()), self.cone.actions
-        actions, spread = self.cone.best(self.array("weights"), x), float(self.array("spread"))
-        if not deterministic and np.isinf(spread):
+        weights, spread = self.array("weights"), float(self.array("spread"))
+        if deterministic:
+            return torch.from_numpy(np.clip(self.cone.best(weights, x), -1, 1))
+        if np.isinf(spread):
             return 2 * torch.rand(len(x), m, dtype=torch.float64) - 1
-        if not deterministic:
-            wide = np.where(torch.rand(len(x), 1).numpy() < _FAR, _FARTHER, 1.0)
-            off = wide * spread / np.sqrt(m) * torch.randn(len(x), m, dtype=torch.float64).numpy()
-            L = self.cone.factor(self.array("weights"), x)
-            actions = actions + np.linalg.solve(L, off[:, :, None])[:, :, 0]
-        return torch.from_numpy(np.clip(actions, -1, 1))
+        far = torch.rand(len(x), 1).numpy() < FAR
+        normal = torch.randn(len(x), m, dtype=torch.float64).numpy()
+        return torch.from_numpy(explored(self.cone, weights, x, spread, far, normal))
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         return {
@@ -218,31 +213,39 @@ class NAF(BaseAlgorithm):
         callback.on_training_end()
         return self
 
+    def learn_offline(
+        self, observations: NDArray[Any], actions: NDArray[Any], rewards: NDArray[Any]
+    ) -> Self:
+        """Learn from recorded episodes (N, ...), (N, ...), (N,), as if they came in this order."""
+        if not self._custom_logger:
+            self._logger = configure_logger(self.verbose, self.tensorboard_log, "NAF")
+        count, done = len(rewards), 0
+        while done < count:
+            due = max(self.learning_starts, int(self.growth * self.fitted))
+            rows = slice(done, done + max(due - self.episodes, 1))
+            new = np.asarray(observations[rows], dtype=np.float64)
+            self._remember(new, np.asarray(actions[rows]), rewards[rows])
+            done += len(new)
+            self.train()
+        return self
+
     def train(self) -> None:
         """Fit the critic to all episodes, and set the exploration by its errors on new ones."""
         observations, a, e = (np.concatenate(part) for part in self.memory)
-        policy, cone = self.policy, self.policy.cone
-        starts, noise = [], 0.5
+        policy, last = self.policy, None
         if self.fitted:
-            new, weights = slice(self.fitted, None), policy.array("weights").copy()
-            x = policy.standardised(observations[new])
-            noise = float(np.median(np.abs(cone.errors(weights, x, a[new]) - e[new])))
-            starts.append(weights)
+            last = policy.array("weights").copy()
         else:
             scale = observations.std(axis=0)
             policy.keep(mean=observations.mean(axis=0), scale=np.where(scale > 0, scale, 1.0))
-        x, weight = policy.standardised(observations), 1 / (2 * noise + _CURVATURE * e**2)
+        x, restarts = policy.standardised(observations), self.restarts
         early = len(e) <= self.restart_until
-        if early or not starts:
-            starts += [cone.start(self.rng) for _ in range(max(self.restarts, 1 - len(starts)))]
-        steps = _STEPS * (3 if early else 1)
-        found = [fit(cone, start, x, a, e, weight, steps) for start in starts]
-        weights, cost = min(found, key=lambda pair: pair[1])
-        spread = min(_WIDEST, np.sqrt(noise))
-        policy.keep(weights=weights, spread=spread)
+        found = refitted(policy.cone, last, x, a, e, self.fitted, self.rng, restarts, early)
+        policy.keep(weights=found.weights, spread=found.spread)
         self.fitted = len(e)
         self._n_updates += 1
-        for name, value in (("loss", cost / len(e)), ("noise", noise), ("spread", spread)):
+        told = ("loss", found.cost / len(e)), ("noise", found.noise), ("spread", found.spread)
+        for name, value in told:
             self.logger.record(f"train/{name}", value)
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
 

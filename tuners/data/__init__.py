@@ -8,14 +8,17 @@ learners trained does not belong here.
 from tuners.data.folder import Folder, verify
 from tuners.data.generation import generate
 from tuners.data.manifest import DatasetError
+from tuners.data.minari_drives import DRIVE_BEHAVIOURS, export_drives
 from tuners.data.minari_export import BEHAVIOURS, export_minari
 from tuners.data.table import load_gains
 from tuners.data.training import train
 
 __all__ = [
     "BEHAVIOURS",
+    "DRIVE_BEHAVIOURS",
     "DatasetError",
     "Folder",
+    "export_drives",
     "export_minari",
     "generate",
     "load_gains",

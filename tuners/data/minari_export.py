@@ -12,9 +12,7 @@ Episode k shows the plant of row k of the same seed's data set, and follows beha
 | `oracle` | that of the design rule, which knows the plant; if it has none, the nominal |
 """
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -23,12 +21,14 @@ from numpy.typing import NDArray
 
 from tuners.agents.feature_map import ActionMap
 from tuners.data.manifest import DatasetError
+from tuners.data.minari_file import REFERENCE_EPISODES, References, check_new, written
 from yawrate_env import ENV_ID, FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID, validation
 from yawrate_env.plant.entry import find, named
-from yawrate_env.plant.episodes import SETS, Episodes, ranges_of
+from yawrate_env.plant.episodes import SETS, Episodes, integers_of, parameters, ranges_of
 from yawrate_env.plant.episodes import episodes as episodes_of
 from yawrate_env.plant.fingerprint import changed, fingerprint
 from yawrate_env.plant.plant import Plant
+from yawrate_env.signals.streams import stream
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -88,13 +88,10 @@ def export_minari(
     DatasetError
         There is one of that name already.
     """
-    import minari
-
     remedy = "Use tuners.data.generate for more."
     validation.number("episodes", episodes, at_most=LARGEST, remedy=remedy)
     episodes = validation.count("episodes", episodes)
     seed = validation.count("seed", seed, at_least=0)
-    _check_name(dataset_id)
     validation.flag("raw", raw)
     validation.one_of("set of episodes", set, tuple(SETS))
     validation.instance("env_kwargs", env_kwargs or {}, dict, remedy="Give names with values.")
@@ -102,44 +99,16 @@ def export_minari(
         raise ValueError(f"behaviours = {behaviours!r} must be some of {', '.join(BEHAVIOURS)}.")
     for name in behaviours:
         validation.one_of("behaviour", name, BEHAVIOURS)
-    if dataset_id in minari.list_local_datasets():
-        raise DatasetError(f"Minari has {dataset_id} already. Delete it, or choose another name.")
+    check_new(dataset_id)
     env = _environment(plant, raw, env_kwargs or {})
     ranges_of(env.unwrapped.plant, set)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of an address and a link that are not given
-        empty = minari.create_dataset_from_buffers(
-            dataset_id,
-            [],
-            env=env,
-            eval_env=env,
-            algorithm_name=", ".join(behaviours),
-            author="yawrate",
-            description=(
-                f"One-step episodes of seed {seed}, set {set}; behaviours in turn: "
-                f"{', '.join(behaviours)}. An episode's options pin its plant."
-            ),
-        )
-    try:
-        _indexed(empty.storage.data_path)
-        empty.storage.update_episodes(_buffers(env, episodes, seed, set, behaviours, progress))
-    except BaseException:
-        minari.delete_dataset(dataset_id)
-        raise
-    return minari.load_dataset(dataset_id)
-
-
-def _check_name(dataset_id: Any) -> None:
-    """Refuse names that Minari writes, after which it can list no data set any more."""
-    from minari.dataset.minari_dataset import parse_dataset_id
-
-    try:
-        parse_dataset_id(dataset_id)
-    except (ValueError, TypeError):
-        raise ValueError(
-            f"dataset_id = {dataset_id!r} is no name of Minari's. Give letters, digits, dashes and "
-            'a version, as in "yawrate/mixture-v0".'
-        ) from None
+    description = (
+        f"One-step episodes of seed {seed}, set {set}; behaviours in turn: "
+        f"{', '.join(behaviours)}. An episode's options pin its plant."
+    )
+    references = _references(env, seed, set)
+    buffers = _buffers(env, episodes, seed, set, behaviours, progress)
+    return written(dataset_id, env, behaviours, description, references, buffers)
 
 
 def _environment(plant: Plant | str | None, raw: bool, kwargs: dict[str, Any]) -> Any:
@@ -161,17 +130,19 @@ def _environment(plant: Plant | str | None, raw: bool, kwargs: dict[str, Any]) -
     return gymnasium.make(PLANT_ID if raw else PLANT_FEATURES_ID, plant=entry, **kwargs)
 
 
-def _indexed(folder: Path) -> None:
-    """Make Minari's file again, with a root group that knows how many episodes it has.
-
-    Minari counts them before each one that it adds.  In the file that it makes the count
-    walks over all of them, and the export takes a time quadratic in their number.
-    """
-    import h5py
-
-    (path,) = folder.glob("*.hdf5")
-    with h5py.File(path, "w", track_order=True):
-        pass
+def _references(env: Any, seed: int, set: str) -> References:
+    """Mean rewards of random actions and of the design rule, on the set's first plants."""
+    interface, space = env.unwrapped.interface, env.action_space
+    plant, known = interface.plant, ActionMap.of(interface.plant)
+    drawn = stream((SETS[set], seed), 0, REFERENCE_EPISODES, integers_of(plant))
+    theta = parameters(plant, drawn[:, : len(plant.prior)], ranges_of(plant, set))
+    share = np.random.default_rng((SETS[set], seed, 1)).random((len(theta), *space.shape))
+    actions = space.low + (space.high - space.low) * share
+    random = actions if env.spec.id in RAW else known.gains(actions)
+    oracle = plant.oracle(theta)
+    oracle = np.where(np.isnan(oracle), plant.oracle(plant.middle), oracle)
+    low, high = (float(interface.outcome(theta, gains)[0].mean()) for gains in (random, oracle))
+    return References(low, high)
 
 
 def _buffers(

@@ -48,8 +48,8 @@ class Motion:
     ----------
     walk : NDArray
         (B, q) variances that the walk adds.
-    jump : float
-        Probability of a jump instead.
+    jump : float or NDArray
+        Probability of a jump instead, or (B,) of them.
     coordinate : int
         Which one jumps.
     mean, variance : float
@@ -57,7 +57,7 @@ class Motion:
     """
 
     walk: Array
-    jump: float
+    jump: float | Array
     coordinate: int
     mean: float
     variance: float

@@ -41,13 +41,14 @@ def most_likely(gram: Array, right: Array, energy: Array, variance: Array) -> Es
     Parameters
     ----------
     gram, right, energy : (B, n, n), (B, n), (B,) float64
-        Inner products of the functions, of functions and output, and of the output.
+        Inner products of the functions, of functions and output, and of the output.  An energy
+        that rounding leaves negative, as of a loop that ran away, gives coefficients of zero.
     variance : (B,) float64
         Of the noise.
     """
     B, n = right.shape
     trace = np.einsum("bii->b", gram)
-    size = energy / np.where(trace > 0, trace, 1.0) * n
+    size = np.maximum(energy, 0.0) / np.where(trace > 0, trace, 1.0) * n
     least, found = np.full(B, np.inf), [np.zeros((B, n)), np.zeros((B, n, n)), np.zeros((B, n, n))]
     for decay in _DECAYS:
         root = np.sqrt(size)[:, None] * decay ** (np.arange(n) / 2)

@@ -230,6 +230,13 @@ class PIRecalibrationVectorEnv(TuningVectorEnv):
         self._coming: Window | None = None
         self._left = np.zeros(self.num_envs, np.int64)
 
+    @property
+    def coming_theta(self) -> Array:
+        """Vehicles (B, 3) of the windows to come, for policies that may know the truth."""
+        if self._coming is None:
+            raise ResetNeeded("Call reset() first.")
+        return self._coming.theta.copy()
+
     def step(self, actions: Array) -> tuple[Observation, Array, Flags, Flags, dict[str, Any]]:
         """Drive one window in every sub-environment; those that end begin their next drive."""
         if self._course is None or self._coming is None:
