@@ -103,7 +103,7 @@ benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machi
 	@$(BIN)/python scripts/dataset_scale.py --fresh
 
 models: $(STAMP) ## retrain the tuners that the package ships
-	@for name in ts-gbm ts-ff ts-gbm-gains ts-ff-gains ts-gbm-lag ts-ff-lag ts-ff-lag-vx rl; do \
+	@for name in ts-gbm ts-ff ts-gbm-gains ts-ff-gains ts-gbm-lag ts-ff-lag ts-ff-lag-vx ts-poly-any rl; do \
 		$(BIN)/python scripts/train.py $$name --out tuners/models/$$name.tuner || exit 1; \
 	done
 

@@ -7,7 +7,8 @@ python scripts/accuracy.py learning   # 100 to 100 000 training vehicles
 python scripts/accuracy.py million    # the worst of a million episodes
 python scripts/accuracy.py page       # results/accuracy.md from the tables of the others
 
-`learning` and `million` go on where an earlier call with the same --results was cut off.
+`ratios --keep` makes only the rows that the stored table lacks; `learning` and `million` go on
+where an earlier call with the same --results was cut off.
 """
 
 import json
@@ -35,11 +36,13 @@ class Settings:
     tuner: tuple[str, ...]
     seed: int
     figures: Path
+    keep: bool
 
 
 def of_ratios(given: Settings, path: Path, bars: Bars) -> str:
     few, many = (given.episodes, given.episodes) if given.episodes else (1500, 20_000)
-    rows = ratios.run(few, many, progress=bars)
+    kept = ratios.from_json(path.read_text()) if given.keep and path.exists() else ()
+    rows = ratios.run(few, many, progress=bars, kept=kept)
     write_text(path, ratios.to_json(rows))
     return ratios.to_markdown(rows)
 
@@ -102,6 +105,7 @@ STUDIES: dict[str, Callable[[Settings, Path, Bars], str]] = {
 )  # fmt: skip
 @seed(1, "For trust.")
 @folders
+@click.option("--keep", is_flag=True, help="For ratios: make only the rows that are missing.")
 @click.option(
     "--readme", "front", type=click.Path(path_type=Path), help="For page: whose table to update."
 )
@@ -113,6 +117,7 @@ def main(
     seed: int,
     results: Path,
     figures: Path,
+    keep: bool,
     front: Path | None,
 ) -> None:
     if study == "budget" and len(vehicles) not in (0, 2):
@@ -125,7 +130,7 @@ def main(
         return
     path = results / f"{study}.json"
     with Bars() as bars:
-        text = STUDIES[study](Settings(episodes, vehicles, tuner, seed, figures), path, bars)
+        text = STUDIES[study](Settings(episodes, vehicles, tuner, seed, figures, keep), path, bars)
     write_text(path.with_suffix(".md"), text)
     print(text)
 

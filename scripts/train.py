@@ -14,7 +14,7 @@ import click
 import tuners
 from studies.program import counted, env_kwargs, environment, program, seed
 from tuners.agents.settings import ALGORITHMS, Training
-from tuners.catalogue import AGENTS, CALIBRATION, SPEEDS
+from tuners.catalogue import AGENTS, CALIBRATION, REGISTERS, SPEEDS
 from tuners.cli.arguments import Output
 from tuners.cli.progress import Bars
 from tuners.cli.train import accuracy
@@ -69,8 +69,9 @@ def main(
             "--plant goes with rl, without --env-kwargs; for other tuners use yawrate train."
         )
     calibration = calibration or (CALIBRATION if plant else EPISODES)
-    speeds = {"v_x": list(SPEEDS[name])} if name in SPEEDS else {}
-    trained_for = find(plant) if plant else environment({**speeds, **env_kwargs}).plant
+    own = {"v_x": list(SPEEDS[name])} if name in SPEEDS else {}
+    own |= {"register": REGISTERS[name]} if name in REGISTERS else {}
+    trained_for = find(plant) if plant else environment({**own, **env_kwargs}).plant
     with Bars() as bars:
         if name in AGENTS:
             from tuners.agents import training

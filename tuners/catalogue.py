@@ -14,6 +14,7 @@ from tuners.features.laguerre import Laguerre
 from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
+from tuners.learners.polynomial import PolynomialSettings
 from tuners.learners.trend import TrendSettings
 from tuners.tuner import tuner_file
 from tuners.tuner.against_bound import judge
@@ -30,7 +31,7 @@ from yawrate_env import validation
 from yawrate_env.plant.entry import find
 from yawrate_env.plant.episodes import share_without_gains
 from yawrate_env.plant.plant import Plant
-from yawrate_env.vehicle.task import Prior, Task
+from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 RECIPES = {
@@ -56,13 +57,22 @@ RECIPES = {
         noise_draws=4,
         episodes=7000,
     ),
+    "ts-poly-any": Recipe(
+        FrequencyResponse(order=32, pole=14.0, low=0.3, high=6.0, points=6),
+        PolynomialSettings(degree=3),
+        episodes=40_000,
+        components=12,
+    ),
 }
 """The tuners that are trained: the paper's two, the same predicting the gains themselves, the
 same learners on Laguerre features with fresh noise on every simulated vehicle, and one for
-every speed."""
+every speed; and one for every speed and any excitation."""
 
-SPEEDS = {"ts-ff-lag-vx": (10.0, 33.0)}
+SPEEDS = {"ts-ff-lag-vx": (10.0, 33.0), "ts-poly-any": (10.0, 33.0)}
 """Speeds that a recipe is for, if not the paper's vehicle at one speed [m/s]."""
+
+REGISTERS = {"ts-poly-any": "random"}
+"""Excitations that a recipe is for, if not the same in every episode."""
 
 UNTRAINED: dict[str, type[Method]] = {
     "gb": GrayBox,
@@ -150,8 +160,9 @@ def recipe_named(recipe: str | Recipe) -> tuple[str, Recipe]:
 
 
 def _task(name: str) -> Task:
-    """The paper's vehicles at a recipe's speeds."""
-    return Task(prior=Prior(v_x=SPEEDS[name])) if name in SPEEDS else Task()
+    """The paper's vehicles at a recipe's speeds, with its excitation."""
+    prior = Prior(v_x=SPEEDS[name]) if name in SPEEDS else Prior()
+    return Task(prior=prior, experiment=Experiment(register=REGISTERS.get(name, "same")))
 
 
 _TYPES = ("float64", "float32", "int64", "uint8", "bool")

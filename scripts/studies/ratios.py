@@ -8,6 +8,7 @@ episodes, error and bound together.
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.tuner.evaluation import evaluate
+from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
@@ -83,10 +85,10 @@ class Entry:
 
 def entry(
     name: str, tuner: Tuner, condition: str, learned: str, episodes: int,
-    progress: Progress | None = None,
+    progress: Progress | None = None, plant: Plant | None = None,
 ) -> Entry:  # fmt: skip
-    """Evaluate on the first `episodes` of the ``test`` set of the tuner's own plant."""
-    plant = tuner.plant
+    """Evaluate on the first `episodes` of the ``test`` set of a plant, the tuner's own if None."""
+    plant = plant or tuner.plant
 
     def report(done: int, of: int) -> None:
         if progress is not None:
@@ -106,7 +108,11 @@ def entry(
 
 
 def run(
-    episodes: int, close: int, many: int = MANY, progress: Progress | None = None
+    episodes: int,
+    close: int,
+    many: int = MANY,
+    progress: Progress | None = None,
+    kept: Sequence[Entry] = (),
 ) -> list[Entry]:
     """Everything that the results page claims of accuracy.
 
@@ -116,39 +122,73 @@ def run(
         Of the test, and where a ratio is close to one.
     many : int
         Simulated vehicles for the boosted trees that get as many as it takes.
+    kept : sequence of Entry
+        Rows of an earlier run that are not made again.
     """
-    every = RECIPES["ts-ff-lag-vx"]
+    every, poly = RECIPES["ts-ff-lag-vx"], RECIPES["ts-poly-any"]
     plant = yaw_rate(Task())
     random = yaw_rate(Task(experiment=Experiment(register="random")))
     speeds = yaw_rate(Task(prior=Prior(v_x=SPEEDS["ts-ff-lag-vx"])))
+    both = yaw_rate(
+        Task(prior=Prior(v_x=SPEEDS["ts-poly-any"]), experiment=Experiment(register="random"))
+    )
     fixed, varied, anywhere = "same excitation", "random register", "10 to 33 m/s"
+    everything = f"{anywhere}, {varied}"
     vehicles = f"{RECIPES['ts-ff-lag'].episodes} × 12 draws"
     alone = "ts-gbm-lag without its trend"
 
     def trained(recipe: Recipe, on: Any, count: int | None = None) -> Tuner:
         return train(recipe, on, episodes=count, calibration=0, progress=progress)
 
+    def row(
+        name: str, tuner: Callable[[], Tuner], condition: str, learned: str, count: int,
+        plant: Plant | None = None,
+    ) -> Entry:  # fmt: skip
+        for old in kept:
+            if (old.tuner, old.condition, old.learned_from, old.episodes) == (
+                name, condition, learned, count
+            ):  # fmt: skip
+                return old
+        return entry(name, tuner(), condition, learned, count, progress, plant)
+
+    def shipped(name: str) -> Callable[[], Tuner]:
+        return partial(load, name)
+
+    of_poly = f"{poly.episodes} × {poly.noise_draws} draw"
+    of_every = f"{every.episodes} × {every.noise_draws} draws"
     return [
-        entry("gb", load("gb"), fixed, "–", close, progress),
-        entry("ts-ff-lag", load("ts-ff-lag"), fixed, vehicles, episodes, progress),
-        entry("ts-ff-lag", load("ts-ff-lag"), fixed, vehicles, close, progress),
-        entry("gb", load("gb", random), varied, "–", episodes, progress),
-        entry(
-            "ts-ff-lag, 16 functions", trained(RANDOM, random),
-            varied, vehicles, episodes, progress,
+        row("gb", shipped("gb"), fixed, "–", close),
+        row("ts-ff-lag", shipped("ts-ff-lag"), fixed, vehicles, episodes),
+        row("ts-ff-lag", shipped("ts-ff-lag"), fixed, vehicles, close),
+        row("ts-poly-any", shipped("ts-poly-any"), fixed, of_poly, close, plant),
+        row("gb", partial(load, "gb", random), varied, "–", episodes),
+        row("ts-ff-lag", shipped("ts-ff-lag"), varied, vehicles, episodes, random),
+        row(
+            "ts-ff-lag, 16 functions", partial(trained, RANDOM, random), varied, vehicles, episodes
         ),
-        entry("gb", load("gb", speeds), anywhere, "–", episodes, progress),
-        entry(
-            "ts-ff-lag-vx", load("ts-ff-lag-vx"), anywhere,
-            f"{every.episodes} × {every.noise_draws} draws", close, progress,
-        ),
-        entry("ts-gbm-lag", load("ts-gbm-lag"), fixed, vehicles, episodes, progress),
-        entry(alone, trained(TREES, plant), fixed, vehicles, episodes, progress),
-        entry(
-            alone, trained(replace(TREES, noise_draws=2), plant, many),
-            fixed, f"{many} × 2 draws", episodes, progress,
+        row("ts-poly-any", shipped("ts-poly-any"), varied, of_poly, close, random),
+        row("gb", partial(load, "gb", speeds), anywhere, "–", episodes),
+        row("ts-ff-lag-vx", shipped("ts-ff-lag-vx"), anywhere, of_every, close),
+        row("ts-ff-lag-vx", shipped("ts-ff-lag-vx"), everything, of_every, episodes, both),
+        row("ts-poly-any", shipped("ts-poly-any"), anywhere, of_poly, close, speeds),
+        row("ts-poly-any", shipped("ts-poly-any"), everything, of_poly, close),
+        row("ts-gbm-lag", shipped("ts-gbm-lag"), fixed, vehicles, episodes),
+        row(alone, partial(trained, TREES, plant), fixed, vehicles, episodes),
+        row(
+            alone, partial(trained, replace(TREES, noise_draws=2), plant, many),
+            fixed, f"{many} × 2 draws", episodes,
         ),
     ]  # fmt: skip
+
+
+def from_json(text: str) -> list[Entry]:
+    """Rows that `to_json` wrote."""
+    found = []
+    for row in json.loads(text):
+        row |= {name: _pair(row[name]) for name in ("rms", "bound", "ratio")}
+        row["intervals"] = tuple(map(_pair, row["intervals"]))
+        found.append(Entry(**row))
+    return found
 
 
 def to_json(rows: Sequence[Entry]) -> str:

@@ -5,15 +5,18 @@ import pytest
 from recordings import observations, recorded
 
 import tuners
-from tuners.catalogue import SPEEDS, UNTRAINED, shipped
+from tuners.catalogue import REGISTERS, SPEEDS, UNTRAINED, shipped
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
+from tuners.learners.polynomial import PolynomialSettings
+from tuners.trust.bound import cramer_rao
 from tuners.trust.verdict import Verdict
 from tuners.tuner import tuner_file
 from tuners.tuner.method import Rung
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.design import Status
+from yawrate_env.plant.episodes import recorded as episodes_of
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
@@ -46,13 +49,14 @@ def test_loading_never_trains(monkeypatch):
     def forbidden(*_, **__):
         raise AssertionError("load() trained")
 
-    for learner in (FeedForwardSettings, GBMSettings):
+    for learner in (FeedForwardSettings, GBMSettings, PolynomialSettings):
         monkeypatch.setattr(learner, "fit", forbidden)
     monkeypatch.setattr("tuners.tuner.training.examples", forbidden)
     for name in tuners.NAMES:
         tuner = tuners.load(name)
         assert isinstance(tuner, Tuner)
-        asked = Task(prior=Prior(v_x=SPEEDS.get(name, 20.0)))
+        experiment = Experiment(register=REGISTERS.get(name, "same"))
+        asked = Task(prior=Prior(v_x=SPEEDS.get(name, 20.0)), experiment=experiment)
         assert tuner.plant.arguments == yaw_rate(asked).arguments
         assert tuner.gains(RECORDING).values.shape == (8, 2)
 
@@ -119,6 +123,19 @@ def test_the_tuner_for_every_speed_needs_one():
     assert foreign.rung is Rung.BLACK_BOX and foreign.verdict is Verdict.USABLE_WITH_CARE
     assert (errors([foreign.kp, foreign.Ti], one.known) < [0.5, 0.01]).all()
     assert foreign.left and any("?" in why for why in foreign.left)
+
+
+@pytest.mark.parametrize(
+    "v_x, register, most",
+    [(20.0, "same", 1.15), (20.0, "random", 1.2), ((10.0, 33.0), "random", 1.3)],
+)
+def test_one_tuner_is_near_the_bound_for_any_input_and_speed(v_x, register, most):
+    plant = yaw_rate(Task(prior=Prior(v_x=v_x), experiment=Experiment(register=register)))
+    e = episodes_of(plant, "test", 0, 256)
+    gains = tuners.load("ts-poly-any").act(Recording(e.u, e.y, plant.Ts, e.theta))
+    errors = plant.metric_values(e.theta, gains) - plant.targets(e.theta)
+    made, least = (np.square(x).sum(axis=0) for x in (errors, cramer_rao(plant, e.theta, e.u)))
+    assert (made < most**2 * least).all()
 
 
 @pytest.mark.parametrize("name", [n for n in tuners.NAMES if n not in SLOW_TO_PACK])

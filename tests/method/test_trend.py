@@ -5,7 +5,7 @@ import pytest
 
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
-from tuners.learners.trend import Trend, TrendSettings, polynomial
+from tuners.learners.trend import Trend, TrendSettings
 
 STUMPS = GBMSettings(n_estimators=5, max_depth=1, max_leaves=0, learning_rate=0.1)
 
@@ -43,12 +43,6 @@ def test_data_in_parts_make_the_same_model(rest):
     parts = [(X[i : i + 150], T[i : i + 150]) for i in range(0, 400, 150)]
     same = settings.fit(parts, [(X_val, T_val)], 0)
     np.testing.assert_allclose(same(X_val), whole(X_val), atol=1e-5)
-
-
-def test_polynomials_have_every_monomial_once():
-    x = np.array([[2.0, 3.0]])
-    np.testing.assert_array_equal(polynomial(x, 1), [[1, 2, 3]])
-    np.testing.assert_array_equal(polynomial(x, 2), [[1, 2, 3, 4, 6, 9]])
 
 
 @pytest.mark.parametrize("rest", [STUMPS, FeedForwardSettings(neurons=3, epochs=5)])

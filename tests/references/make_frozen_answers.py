@@ -22,7 +22,7 @@ ENVIRONMENTS = {
     "truth": {"visible": "context"},
     "hard": {"phase_margin": 80.0, "v_x": 30.0},
 }
-SEES = {"ts-ff-lag-vx": "speeds", "oracle": "truth"}
+SEES = {"ts-ff-lag-vx": "speeds", "ts-poly-any": "speeds", "oracle": "truth"}
 ACTIONS = np.array([[0.2, 0.2], [0.05, 1.0], [9.0, 0.01], [0.1, 0.1]])
 
 

@@ -12,7 +12,13 @@ from tuners.data.folder import Folder, check
 from tuners.data.manifest import DatasetError
 from tuners.tuner.against_bound import judge
 from tuners.tuner.stages import LEAST_USABLE, Recipe, Stages, coordinates_of, training_split
-from tuners.tuner.training import CALIBRATION, calibrate, check_calibration, recipe_for
+from tuners.tuner.training import (
+    CALIBRATION,
+    calibrate,
+    check_calibration,
+    confined,
+    recipe_for,
+)
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.plant.entry import find
@@ -88,6 +94,7 @@ def fit(
         How they were trained, for the record.
     """
     found = folder.recipe
+    recipe = confined(found.plant, recipe)
     if found.features != recipe.features:
         raise DatasetError(
             f"{folder.path} has features of {found.features}, {name} works on those of "

@@ -33,6 +33,7 @@ from tuners.learners import Learner
 from tuners.learners.actor import LIMIT, Agent
 from tuners.learners.feedforward import FeedForward
 from tuners.learners.gbm import GBM
+from tuners.learners.polynomial import Polynomial, monomials
 from tuners.learners.trend import Trend
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import LEAST_LAG, Status
@@ -158,28 +159,32 @@ def _learner(graph: Graph, learner: Learner, X: str) -> str:
     match learner:
         case FeedForward():
             return _network(graph, learner, X)
+        case Polynomial():
+            return _polynomial(graph, learner, X)[1]
         case Trend():
-            return _trend(graph, learner, X)
+            inputs, trend = _polynomial(graph, learner, X)
+            return graph.apply("Add", trend, _learner(graph, learner.rest, inputs))
         case GBM():
             return _trees(graph, learner, X)
         case Agent():
             return _agent(graph, learner, X)
 
 
-def _trend(graph: Graph, trend: Trend, X: str) -> str:
-    """Decorrelated features, their polynomial, and what the rest adds; (episodes, targets)."""
-    into, k = graph.constant, trend.matrix.shape[1]
-    centred = graph.apply("Sub", X, into(trend.mean))
-    inputs = graph.apply("MatMul", centred, into(trend.matrix))
-    constant, linear, quadratic = np.split(trend.coefficients, [1, 1 + k])
-    values = graph.apply("Gemm", inputs, into(linear), into(constant[0]))
-    if trend.degree == 2:
-        factors = (
-            graph.apply("Gather", inputs, into(i, np.int64), axis=1) for i in np.triu_indices(k)
-        )
-        products = graph.apply("MatMul", graph.apply("Mul", *factors), into(quadratic))
-        values = graph.apply("Add", values, products)
-    return graph.apply("Add", values, _learner(graph, trend.rest, inputs))
+def _polynomial(graph: Graph, found: Polynomial | Trend, X: str) -> tuple[str, str]:
+    """Decorrelated features (episodes, k), and their polynomial (episodes, targets)."""
+    into, k = graph.constant, found.matrix.shape[1]
+    centred = graph.apply("Sub", X, into(found.mean))
+    inputs = graph.apply("MatMul", centred, into(found.matrix))
+    values, done = into(found.coefficients[:1]), 1
+    for degree in range(1, found.degree + 1):
+        chosen = monomials(k, degree)
+        factors = [graph.apply("Gather", inputs, into(i, np.int64), axis=1) for i in chosen.T]
+        product = factors[0]
+        for factor in factors[1:]:
+            product = graph.apply("Mul", product, factor)
+        part = graph.apply("MatMul", product, into(found.coefficients[done : done + len(chosen)]))
+        values, done = graph.apply("Add", values, part), done + len(chosen)
+    return inputs, values
 
 
 def _network(graph: Graph, network: FeedForward, X: str) -> str:

@@ -15,6 +15,7 @@ from tuners.export.programs import program
 from tuners.learners import Learner
 from tuners.learners.actor import Agent
 from tuners.learners.feedforward import FeedForward
+from tuners.learners.polynomial import Polynomial
 from tuners.learners.trend import Trend
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import LEAST_LAG
@@ -79,6 +80,12 @@ def _network(learner: Learner) -> dict[str, Any]:
     network = learner if trend is None else trend.rest
     if isinstance(network, FeedForward):
         return {"network": network, "trend": trend}
+    if isinstance(network, Polynomial):
+        raise ValueError(
+            "the tuner's polynomial is not written in C yet. Export its first stage alone with "
+            "features=True (--features), the whole tuner to target onnx, or one with a network, "
+            "such as ts-ff-lag."
+        )
     if isinstance(network, Agent):
         raise ValueError(
             "the tuner's agent cannot be written in C. Export its first stage alone with "

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tuners.features.armax import Armax
 from tuners.features.integrated import Integrated
 from tuners.features.laguerre import Laguerre
+from tuners.features.principal import PrincipalResponse
 from tuners.features.regularised import Regularised
 from tuners.features.response import FrequencyResponse
 from yawrate_env import validation
@@ -40,6 +41,7 @@ FEATURES: dict[str, Any] = {
     "integrated": Integrated,
     "regularised": Regularised,
     "response": FrequencyResponse,
+    "principal": PrincipalResponse,
 }
 """First stages by the name that files and commands know."""
 
@@ -85,7 +87,7 @@ def features_named(name: str, **settings: Any) -> Features:
 
 def check_features(stage: Any) -> None:
     """``ValueError`` unless `stage` is a first stage."""
-    remedy = "Give an Armax, a Laguerre, an Integrated, a Regularised or a FrequencyResponse."
+    remedy = "Give one of " + ", ".join(kind.__name__ for kind in FEATURES.values()) + "."
     if type(stage) not in FEATURES.values():
         raise ValueError(f"features = {stage!r} is no first stage. {remedy}")
 

@@ -126,15 +126,15 @@ def regularised(functions: Laguerre, gram: Array, right: Array, variance: Array)
             "the simulated plants' Laguerre coefficients are all the same, or no finite numbers: "
             "nothing can be learned from such inputs. Give some of ordinary size that excite."
         )
-    mean, directions = coefficients.mean(axis=0), _components(coefficients)
+    mean, directions = coefficients.mean(axis=0), components(coefficients)
     kept = _informative(gram, directions, variance)
     return Regularised(
-        functions.order, functions.pole, _rounded(mean), tuple(map(_rounded, directions[:kept])),
-        *_rounded(np.median(variance, keepdims=True)),
+        functions.order, functions.pole, rounded(mean), tuple(map(rounded, directions[:kept])),
+        *rounded(np.median(variance, keepdims=True)),
     )  # fmt: skip
 
 
-def _components(coefficients: Array) -> Array:
+def components(coefficients: Array) -> Array:
     """Principal directions (r, n) of coefficients (B, n), of one standard deviation each."""
     _, spread, rows = np.linalg.svd(coefficients - coefficients.mean(axis=0), full_matrices=False)
     kept = np.flatnonzero(spread > _DIGITS * spread[0])
@@ -156,7 +156,7 @@ def _informative(gram: Array, directions: Array, variance: Array) -> int:
     return len(directions)
 
 
-def _rounded(values: Array) -> tuple[float, ...]:
+def rounded(values: Array) -> tuple[float, ...]:
     """Nine digits: the last ones depend on the linear algebra library."""
     return tuple(float(f"{value:.9g}") for value in values)
 

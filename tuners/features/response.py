@@ -49,11 +49,15 @@ class FrequencyResponse:
     def __call__(self, u: Array, y: Array, Ts: float) -> tuple[Array, NDArray[np.bool_]]:
         """Features (B, 2 points) of episodes sampled at `Ts` [s], and which are usable (B,)."""
         coefficients, usable = Laguerre(self.order, self.pole)(u, y, Ts)
+        features = self.of(coefficients, Ts)
+        return features, np.asarray(usable & np.isfinite(features).all(axis=1))
+
+    def of(self, coefficients: Array, Ts: float) -> Array:
+        """Features (B, 2 points) of Laguerre coefficients (B, order)."""
         response = coefficients @ self.functions(Ts)
         with np.errstate(divide="ignore", invalid="ignore"):
             magnitude = np.log(np.abs(response))
-        features = np.concatenate([magnitude, np.unwrap(np.angle(response), axis=1)], axis=1)
-        return features, np.asarray(usable & np.isfinite(features).all(axis=1))
+        return np.concatenate([magnitude, np.unwrap(np.angle(response), axis=1)], axis=1)
 
     def functions(self, Ts: float) -> NDArray[np.complex128]:
         """Responses of the Laguerre functions at its frequencies, (order, points)."""

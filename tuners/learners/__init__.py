@@ -9,14 +9,16 @@ from typing import Any
 from tuners.learners.actor import Agent
 from tuners.learners.feedforward import FeedForward, FeedForwardSettings
 from tuners.learners.gbm import GBM, GBMSettings
+from tuners.learners.polynomial import Polynomial, PolynomialSettings
 from tuners.learners.trend import Trend, TrendSettings
 
-Learner = FeedForward | GBM | Trend | Agent
-Settings = FeedForwardSettings | GBMSettings | TrendSettings
+Learner = FeedForward | GBM | Polynomial | Trend | Agent
+Settings = FeedForwardSettings | GBMSettings | PolynomialSettings | TrendSettings
 
 LEARNERS: dict[str, Any] = {
     "gbm": GBM,
     "feedforward": FeedForward,
+    "polynomial": Polynomial,
     "trend": Trend,
     "agent": Agent,
 }

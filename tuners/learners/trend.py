@@ -1,9 +1,8 @@
 """Second stage in two steps: a polynomial trend by least squares, and a learner of its residual.
 
 Magnitude and phase of a controller are nearly linear in the recording's own frequency response
-(`tuners.features.response`).  The trend fits that part, and the learner its residual.  The
-learner gets decorrelated features: combinations of small variance, which hold little of the
-plant but much of the noise in the others, are scaled up to the same variance as these.
+(`tuners.features.response`).  The trend fits that part, and the learner its residual from
+the same decorrelated features (`tuners.learners.polynomial`).
 """
 
 from collections.abc import Iterator
@@ -15,13 +14,12 @@ from numpy.typing import NDArray
 
 from tuners.learners import feedforward, gbm
 from tuners.learners.batches import Batches, Progress
+from tuners.learners.polynomial import decorrelation, polynomial
 from yawrate_env.validation import count, finite_array
 
 Array = NDArray[np.float64]
 
 _RESTS: dict[str, Any] = {"gbm": gbm.GBM, "feedforward": feedforward.FeedForward}
-
-_LEAST = 1e-12  # of the largest variance: combinations below it are constant, and left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +45,7 @@ class TrendSettings:
         progress: Progress | None = None,
     ) -> "Trend":
         """Train on batches of (m, n) features and (m, t) targets."""
-        mean, matrix = _decorrelation(training)
+        mean, matrix = decorrelation(training)
         normal = right = np.zeros(())
         for X, T in training:
             P = polynomial((X - mean) @ matrix, self.degree)
@@ -125,15 +123,6 @@ class Trend:
         return cls(**own, degree=degree, rest=learner)
 
 
-def polynomial(x: Array, degree: int) -> Array:
-    """Monomials up to `degree`, 1 or 2, of (B, k) inputs."""
-    columns = [np.ones((len(x), 1)), x]
-    if degree == 2:
-        i, j = np.triu_indices(x.shape[1])
-        columns.append(x[:, i] * x[:, j])
-    return np.concatenate(columns, axis=1)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rest:
     """Batches of decorrelated features and of the targets' residuals from the trend."""
@@ -148,22 +137,3 @@ class _Rest:
         for X, T in self.batches:
             inputs = (X - self.mean) @ self.matrix
             yield inputs, T - polynomial(inputs, self.degree) @ self.coefficients
-
-
-def _decorrelation(batches: Batches) -> tuple[Array, Array]:
-    """Mean (n,) and a matrix (n, k) that makes features uncorrelated with variance one."""
-    count = 0
-    total = squares = np.zeros(())
-    shift: Array | None = None  # near the mean, so that the squares keep their digits
-    for X, _ in batches:
-        shift = X.mean(axis=0) if shift is None else shift
-        count, total = count + len(X), total + (X - shift).sum(axis=0)
-        squares = squares + (X - shift).T @ (X - shift)
-    assert shift is not None
-    offset = total / count
-    covariance = squares / count - np.outer(offset, offset)
-    scale = np.sqrt(covariance.diagonal())
-    scale = np.where(scale > 0, scale, 1.0)
-    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    kept = variances > _LEAST * variances.max()
-    return shift + offset, axes[:, kept] / np.sqrt(variances[kept]) / scale[:, None]

@@ -206,10 +206,16 @@ def suited(plant: Plant, order: int) -> Laguerre:
 def suited_to_any_input(plant: Plant, order: int) -> Regularised:
     """The same basis, regularised by the coefficients of simulated plants, for any input."""
     functions = suited(plant, order)
+    gram, right, y = equations_of_any_input(plant, functions)
+    return regularised(functions, gram, right, plant.sigma(y) ** 2)
+
+
+def equations_of_any_input(plant: Plant, functions: Laguerre) -> tuple[Array, Array, Array]:
+    """Normal equations (B, n, n) and (B, n) of the prior's noise-free outputs (B, N), and these."""
     u = plant.inputs(stream(_SEED, 0, _MOST_PLANTS, 1)[:, 0])
     y = plant.respond(sample(plant, _MOST_PLANTS), u)
-    equations = functions.normal_equations(u, y, plant.Ts, np.empty((0, y.shape[1])))
-    return regularised(functions, *equations, plant.sigma(y) ** 2)
+    gram, right = functions.normal_equations(u, y, plant.Ts, np.empty((0, y.shape[1])))
+    return gram, right, y
 
 
 def free_responses(functions: Laguerre, N: int, Ts: float) -> tuple[Array, Array]:

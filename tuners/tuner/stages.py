@@ -14,6 +14,7 @@ from tuners.features import (
     settings_of,
     with_measured,
 )
+from tuners.features.response import FrequencyResponse
 from tuners.learners import LEARNERS, Learner, Settings
 from tuners.tuner.method import Gains, Rung
 from tuners.tuner.recording import Recording
@@ -40,7 +41,7 @@ class Recipe:
     ----------
     features : Armax, Laguerre, Regularised or FrequencyResponse
         First stage.
-    learner : GBMSettings, FeedForwardSettings or TrendSettings
+    learner : GBMSettings, FeedForwardSettings, PolynomialSettings or TrendSettings
         Second stage.
     parametrisation : {"plant", "gains"}
         What is predicted: the plant's coordinates, or the gains themselves.
@@ -48,6 +49,9 @@ class Recipe:
         Recordings of every simulated plant, with fresh noise.
     episodes : int
         Simulated plants that it is usually trained on.
+    components : int
+        Principal components of simulated plants that a `FrequencyResponse` is confined to; with 0
+        it is not.
     """
 
     features: Features
@@ -55,12 +59,19 @@ class Recipe:
     parametrisation: str = "plant"
     noise_draws: int = 1
     episodes: int = 1500
+    components: int = 0
 
     def __post_init__(self) -> None:
         validation.one_of("parametrisation", self.parametrisation, PARAMETRISATIONS)
         validation.count("noise_draws", self.noise_draws, remedy="Record every plant once or more.")
         validation.count("episodes", self.episodes, remedy="Simulate some.")
+        validation.count("components", self.components, at_least=0, remedy="0 is for none.")
         check_features(self.features)
+        if self.components and not isinstance(self.features, FrequencyResponse):
+            raise ValueError(
+                f"components = {self.components}: features = {self.features!r} have none. Give a "
+                "FrequencyResponse, or leave components out."
+            )
 
 
 def coordinates_of(plant: Plant, parametrisation: str) -> Parametrisation:
@@ -74,9 +85,9 @@ class Stages:
 
     Attributes
     ----------
-    features : Armax, Laguerre, Regularised or FrequencyResponse
+    features : Armax, Laguerre, Regularised, FrequencyResponse or PrincipalResponse
         First stage.
-    learner : FeedForward, GBM, Trend or Agent
+    learner : FeedForward, GBM, Polynomial, Trend or Agent
         Second stage.
     parametrisation : {"plant", "gains"}
         What the learner predicts.

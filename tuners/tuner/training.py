@@ -1,6 +1,7 @@
 """Training and calibration from a plant's description alone."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,11 +9,17 @@ from numpy.typing import NDArray
 
 from tuners.features import Features, features_named
 from tuners.features.laguerre import Laguerre
+from tuners.features.principal import principal
 from tuners.features.regularised import Regularised
 from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.trend import TrendSettings
-from tuners.trust.black_box import functions_for, suited, suited_to_any_input
+from tuners.trust.black_box import (
+    equations_of_any_input,
+    functions_for,
+    suited,
+    suited_to_any_input,
+)
 from tuners.trust.checks import Assessment
 from tuners.trust.intervals import conformal
 from tuners.tuner.examples import Examples, examples
@@ -78,6 +85,18 @@ def features_for(plant: Plant) -> Laguerre | Regularised:
     return suited_to_any_input(plant, min(MORE, most))
 
 
+def confined(plant: Plant, recipe: Recipe) -> Recipe:
+    """The recipe with features that know the plant's principal components, if it asks for any."""
+    response = recipe.features
+    if not recipe.components or not isinstance(response, FrequencyResponse):
+        return recipe
+    functions = Laguerre(response.order, response.pole)
+    gram, right, _ = equations_of_any_input(plant, functions)
+    return replace(
+        recipe, features=principal(response, recipe.components, gram, right), components=0
+    )
+
+
 def features_by_name(plant: Plant, name: str, **settings: Any) -> Features:
     """A first stage by name; ``laguerre`` is `features_for` the plant, but for `settings`."""
     if name != "laguerre":
@@ -122,6 +141,7 @@ def fit(
     count = recipe.episodes if count is None else count
     count = validation.count("episodes", count, at_least=LEAST_PLANTS, remedy="Simulate more.")
     seed = validation.count("seed", seed, at_least=0)
+    recipe = confined(plant, recipe)
 
     def report(what: str) -> Callable[[int, int], None] | None:
         return None if progress is None else lambda done, of: progress(what, done, of)
