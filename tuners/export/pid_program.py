@@ -41,7 +41,7 @@ def golden_signals(pid: DigitalPID) -> tuple[Array, Array, tuple[float, float, f
     """
     size = (pid.high - pid.low) / (8 * (pid.Kp + pid.half + abs(pid.rate)))
     rng = np.random.default_rng(0)
-    reference = size * np.repeat(rng.uniform(-2, 2, _COUNT // 20), 20)
+    reference = size * (60 + np.repeat(rng.uniform(-2, 2, _COUNT // 20), 20))
     errors = size * rng.uniform(-1, 1, _COUNT)
     errors[0] = 0.5 * size
     errors[60:110] = 40 * size
