@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tuners.cli.text import RUNGS, forms_of, gain_units
+from tuners.cli.text import RUNGS, forms_in, forms_of, gain_units
+from tuners.export.forms import controller_of
 from tuners.export.gains import plant_settings
 from tuners.logs import Log
 from tuners.tuner.pooling.share import Share
@@ -31,7 +32,7 @@ def as_json(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> d
     gains = bare(result.gains)
     metrics = bare({name: asdict(interval) for name, interval in result.intervals.items()})
     exact = bare({name: asdict(interval) for name, interval in result.exact_intervals.items()})
-    settings = plant_settings(plant)
+    settings, known = plant_settings(plant), controller_of(plant)
     keys = {
         "trusted": result.trusted,
         "verdict": result.verdict.value,
@@ -48,6 +49,7 @@ def as_json(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> d
             for check in result.checks
         ],
         "forms": None if forms is None else asdict(forms),
+        "controller": None if not known else {"name": known, "forms": forms_in(result)},
         "target": settings["target"],
         "tuner": tuner,
         "log": None if logs else log_of(log, plant),

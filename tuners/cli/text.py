@@ -6,15 +6,18 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.export.forms import Forms
+from tuners.export.forms import Forms, controller_of, vendors_forms
 from tuners.logs import Log
 from tuners.trust.intervals import Interval
 from tuners.trust.verdict import Check, Verdict
 from tuners.tuner.method import Rung
 from tuners.tuner.pooling.share import Share, Validation
 from tuners.tuner.result import Result
+from yawrate_env.loop.controllers import CONTROLLERS
 from yawrate_env.plant.names import split, valued
 from yawrate_env.plant.plant import Plant
+
+_TIMES = "Ti", "Td", "Tf", "T1", "T2"
 
 RUNGS = {
     Rung.METHOD: "tuner",
@@ -54,6 +57,7 @@ def as_text(result: Result, log: Log, logs: Sequence[Log] = ()) -> str:
         rows.append(("from", answered_by(result)))
         if forms is not None:
             rows.append(("every", f"{1e3 * forms.Ts:g} ms: {forms.equation}"))
+        rows += vendors_rows(result)
     width = max(len(name) for name, _ in rows) + 2
     table = [f"  {name:<{width}}{value}" for name, value in rows]
     reasons = [f"  - {explained(reason, result.checks)}" for reason in result.reasons]
@@ -191,13 +195,29 @@ def levels(plant: Plant, u: NDArray[np.float64], name: str = "") -> str:
 
 
 def gain_units(plant: Plant) -> dict[str, str]:
-    """Units of the gains: those in their names, or of a PI's kp and Ti."""
-    units = {name: unit_of(name) for name in plant.gains}
-    if plant.parametrisation.target is not None:
-        kp, Ti = plant.gains
-        input, output = map(unit_of, plant.signals)
-        units = {kp: units[kp] or ratio(input, output), Ti: units[Ti] or "s"}
-    return units
+    """Units of the gains: those in their names, or of a known controller's."""
+    input, output = map(unit_of, plant.signals)
+    known = {"kp": ratio(input, output), "K": ratio(input, output)} | dict.fromkeys(_TIMES, "s")
+    if controller_of(plant) in CONTROLLERS or plant.parametrisation.target is not None:
+        return {name: unit_of(name) or known.get(name, "") for name in plant.gains}
+    return {name: unit_of(name) for name in plant.gains}
+
+
+def vendors_rows(result: Result) -> list[tuple[str, str]]:
+    """Gains in vendors' forms, a row each, of controllers that a plant names."""
+    plant = result.plant
+    forms = forms_in(result) if plant.controller else {}
+    return [
+        (form, ", ".join(f"{name} {value:.4g}" for name, value in gains.items()))
+        for form, gains in forms.items()
+    ]
+
+
+def forms_in(result: Result) -> dict[str, dict[str, float]]:
+    """A result's gains in every form that its controller has, by form."""
+    plant, target = result.plant, result.plant.parametrisation.target
+    Ts = plant.Ts if target is None else target.Ts
+    return vendors_forms(controller_of(plant), result.gains, Ts)
 
 
 def ratio(input: str, output: str) -> str:

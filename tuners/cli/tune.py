@@ -43,6 +43,7 @@ TABLES = ".csv", ".parquet"
 @click.option("--each", is_flag=True, help="Tune every log by itself: a table, one row a log.")
 @click.option("--out", type=Output(), help="File for the table of --each: *.csv or *.parquet.")
 @target_options
+@click.option("--speeds", is_flag=True, help="Slower and faster loops, too, with their margins.")
 @click.option("--report", type=Output(".html"), help="Write a report to this HTML file.")
 @click.option("--strict", is_flag=True, help="Exit with 3 also where gains need care.")
 @click.option("--json", "machine", is_flag=True, help="Print one JSON object.")
@@ -55,6 +56,7 @@ def command(
     each: bool,
     out: Path | None,
     target: Changes,
+    speeds: bool,
     report: Path | None,
     strict: bool,
     machine: bool,
@@ -76,7 +78,7 @@ def command(
     1 unusable data, 2 wrong usage.  Of --each: 0 all usable, 3 some refused, 1 some unusable.
     """
     files = log_files(logs)
-    _check(files, validate, each, out, report, machine)
+    _check(files, validate, each, out, report, machine, speeds)
     for path in files:
         refuse_overwriting(report, path, tuner)
         refuse_overwriting(out, path, tuner)
@@ -90,13 +92,19 @@ def command(
     except SelectionError as error:
         raise click.UsageError(str(error)) from None
     from tuners.cli.answer import as_json
+    from tuners.cli.speeds import speeds as loops_of
+    from tuners.cli.speeds import speeds_json, speeds_text
     from tuners.cli.text import as_text
 
+    paced = loops_of(result) if speeds else {}
     if machine:
         answer = as_json(result, read[0], tuner, read if len(files) > 1 else ())
+        answer |= {"speeds": speeds_json(paced)} if speeds else {}
         click.echo(json.dumps(answer, indent=1, allow_nan=False))
     else:
         click.echo(as_text(result, read[0], read if len(files) > 1 else ()))
+        if speeds:
+            click.echo("\n" + speeds_text(result, paced))
     if report is not None:
         from tuners.cli.report import write_report
 
@@ -114,6 +122,7 @@ def _check(
     out: Path | None,
     report: Path | None,
     machine: bool,
+    speeds: bool,
 ) -> None:
     """Refuse options that contradict each other."""
     if validate is not None and any(validate.samefile(path) for path in files):
@@ -124,7 +133,8 @@ def _check(
         if out is not None:
             raise click.UsageError("--out is for the table of --each: give that too.")
         return
-    given = {"--validate": validate, "--report": report, "--json": machine or None}
+    given = {"--validate": validate, "--report": report, "--json": machine or None,
+             "--speeds": speeds or None}  # fmt: skip
     for name, value in given.items():
         if value is not None:
             raise click.UsageError(f"--each and {name} contradict each other: leave out one.")

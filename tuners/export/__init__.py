@@ -3,14 +3,15 @@
 ========  ==============================  ===========================================
 target    source                          written
 ========  ==============================  ===========================================
-c         gains of a PI                   C99 header, source and test with golden
+c         gains of a controller           C99 header, source and test with golden
                                           vectors, in a folder
 c         tuner with Laguerre features    the same for both of its stages, from samples
           and a network                   to gains
 c         tuner with Laguerre features,   the same for its first stage
           ``features=True``
 matlab    gains of a PI                   a script
-json      gains of a PI with its limits   one object, the controller in every form
+json      gains of a controller with      one object, the controller in every form
+          its limits
 json      other gains                     one object, the gains by name
 onnx      tuner with Laguerre features    one graph, from the measured output to gains
 onnx      the same, ``features=True``     one graph, from features to gains
@@ -27,22 +28,34 @@ from pathlib import Path
 from typing import Any
 
 from tuners.export.digital_pi import DigitalPI
-from tuners.export.documents import gains_text, json_text, matlab_script
+from tuners.export.digital_pid import DigitalPID
+from tuners.export.digital_state_feedback import DigitalStateFeedback
+from tuners.export.documents import (
+    gains_text,
+    json_text,
+    matlab_script,
+    pid_text,
+    state_feedback_text,
+)
 from tuners.export.features_program import features_program
 from tuners.export.gains import Gains, plant_settings
 from tuners.export.onnx_tuner import onnx_model
 from tuners.export.pi_program import REALS, pi_program
+from tuners.export.pid_program import pid_program, state_feedback_program
 from tuners.export.schedule_program import GainTable, schedule_program
 from tuners.export.tuner_program import first_stage_program, tuner_program
 from tuners.tuner.schedule import Schedule
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.files import check_regular, replacing, write_text
+from yawrate_env.loop.controllers import STATE_FEEDBACK
 from yawrate_env.plant.plant import Plant
 
 __all__ = [
     "TARGETS",
     "DigitalPI",
+    "DigitalPID",
+    "DigitalStateFeedback",
     "GainTable",
     "Gains",
     "export",
@@ -53,8 +66,10 @@ __all__ = [
     "matlab_script",
     "onnx_model",
     "pi_program",
+    "pid_program",
     "plant_settings",
     "schedule_program",
+    "state_feedback_program",
     "tuner_program",
     "write_schedule",
 ]
@@ -117,15 +132,35 @@ def export(
         return _write_all(where, files)
     gains = Gains.of(source, plant)
     if target == "c":
-        return _write_all(where, pi_program(gains.pi(Ts, limits), real=real))
+        return _write_all(where, _program(gains, Ts, limits, real))
     if target == "matlab":
         text = matlab_script(gains.pi(Ts, limits))
     elif limits is None and (gains.limits is None or gains.refusal):
         text = gains_text(gains, Ts)
     else:
-        text = json_text(gains.pi(Ts, limits))
+        text = _document(gains, Ts, limits)
     write_text(where, text)
     return [where]
+
+
+def _program(
+    gains: Gains, Ts: float | None, limits: tuple[float, float] | None, real: str
+) -> dict[str, str]:
+    """The controller's C99 program."""
+    if gains.controller == STATE_FEEDBACK:
+        return state_feedback_program(gains.state_feedback(Ts, limits), real=real)
+    if gains.is_pi:
+        return pi_program(gains.pi(Ts, limits), real=real)
+    return pid_program(gains.pid(Ts, limits), real=real)
+
+
+def _document(gains: Gains, Ts: float | None, limits: tuple[float, float] | None) -> str:
+    """The controller as JSON."""
+    if gains.controller == STATE_FEEDBACK:
+        return state_feedback_text(gains.state_feedback(Ts, limits), gains)
+    if gains.is_pi:
+        return json_text(gains.pi(Ts, limits))
+    return pid_text(gains.pid(Ts, limits), gains)
 
 
 def write_schedule(

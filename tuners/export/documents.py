@@ -1,12 +1,16 @@
-"""A PI controller as a MATLAB script or JSON, and other gains as JSON."""
+"""Controllers as JSON, a PI as a MATLAB script, too, and other gains as JSON."""
 
 import json
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
 import yawrate_env
 from tuners.export.digital_pi import DigitalPI
+from tuners.export.digital_pid import DigitalPID
+from tuners.export.digital_state_feedback import DigitalStateFeedback
+from tuners.export.forms import vendors_forms
 from tuners.export.gains import Gains, sampling_time
 from tuners.export.programs import render
 
@@ -32,6 +36,7 @@ def json_text(pi: DigitalPI) -> str:
         "Ts": pi.Ts,
         "standard": {"form": "Kp (1 + 1/(Ti s))", "Kp": pi.kp, "Ti": pi.Ti},
         "parallel": {"form": "Kp + Ki/s", "Kp": pi.kp, "Ki": pi.kp / pi.Ti},
+        "forms": vendors_forms("PI", {"kp": pi.kp, "Ti": pi.Ti}, pi.Ts),
         "discretisation": "tustin",
         "difference_equation": {
             "form": "a[0] u[k] + a[1] u[k-1] = b[0] e[k] + b[1] e[k-1]",
@@ -50,6 +55,55 @@ def json_text(pi: DigitalPI) -> str:
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
+def pid_text(pid: DigitalPID, gains: Gains) -> str:
+    """A controller of the PID's family: gains in every form, its program, limits."""
+    command, output = pid.units
+    content = _head(pid.name, gains, pid.Ts) | {
+        "forms": vendors_forms(pid.name, gains.values, pid.Ts),
+        "discretisation": "tustin",
+        "state": {
+            "form": "e = sat(r - y); d = e - (1 - c) r; D = a D + g (d - d_before); "
+            "v = Kp (e - (1 - b) r) + h e + x + D; u = sat(v); x += s e + tracking (u - v)",
+            "Kp": pid.Kp,
+            "h": pid.half,
+            "s": pid.step,
+            "a": pid.decay,
+            "g": pid.rate,
+            "b": pid.b,
+            "c": pid.c,
+            "tracking": pid.tracking,
+        },
+        "limits": [pid.low, pid.high],
+        "units": {"e": output, "u": command, "Kp": _ratio(command, output), "times": "s"},
+    }
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def state_feedback_text(of: DigitalStateFeedback, gains: Gains) -> str:
+    """A state feedback: gains of the states in their order, and of the reference; limits."""
+    content = _head(gains.controller, gains, of.Ts) | {
+        "state": {
+            "form": "u = sat(kr r - k1 x1 - ... - kn xn)",
+            "k": list(of.gains.values()),
+            "kr": of.reference_gain,
+        },
+        "limits": [of.low, of.high],
+        "units": {"u": of.signals[0], "r": of.signals[1]},
+    }
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def _head(name: str, gains: Gains, Ts: float) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "program": f"yawrate {yawrate_env.__version__}",
+        "controller": name,
+        "gains": dict(gains.values),
+        "Ts": Ts,
+    }
+
+
 def gains_text(gains: Gains, Ts: float | None = None) -> str:
     """Gains by name, and their loop; ``null`` where there is no number."""
     content = {
@@ -61,8 +115,17 @@ def gains_text(gains: Gains, Ts: float | None = None) -> str:
         "signals": dict(zip(("input", "output"), gains.signals, strict=True)),
         "Ts": gains.Ts if Ts is None else sampling_time(Ts),
         "target": gains.target and asdict(gains.target),
+        **_known_forms(gains, Ts),
     }
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def _known_forms(gains: Gains, Ts: float | None) -> dict[str, Any]:
+    """Name and forms of a controller that is known."""
+    name, every = gains.controller, gains.Ts if Ts is None else Ts
+    if not name or every is None:
+        return {}
+    return {"controller": name, "forms": vendors_forms(name, gains.values, every)}
 
 
 def _ratio(command: str, output: str) -> str:

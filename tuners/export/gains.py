@@ -10,8 +10,12 @@ from typing import Any, Self
 import numpy as np
 
 from tuners.export.digital_pi import SLOWEST, DigitalPI, unit
+from tuners.export.digital_pid import DigitalPID
+from tuners.export.digital_state_feedback import DigitalStateFeedback
+from tuners.export.forms import controller_of
 from tuners.tuner.result import Result
 from yawrate_env import validation
+from yawrate_env.loop.controllers import CONTROLLERS, STATE_FEEDBACK
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.pi_loop import GAINS
 from yawrate_env.plant.plant import Plant
@@ -35,6 +39,8 @@ class Gains:
         Least and largest command, where they are known.
     target : Target, optional
         The loop's target, where there is one.
+    controller : str
+        Name of the controller, in `yawrate_env.loop.controllers`; empty where it is not known.
     trusted : bool, optional
         Whether the recording supports them, where there was one.
     """
@@ -45,6 +51,7 @@ class Gains:
     limits: Limits | None = None
     target: Target | None = None
     trusted: bool | None = None
+    controller: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.values, Mapping) or not self.values:
@@ -98,27 +105,64 @@ class Gains:
         input_, output = plant["signals"]
         limits = plant.get("command_limits")
         known = None if limits is None else _pair(limits, input_)
-        return cls(values, Ts, (input_, output), known, target, trusted)
+        controller = plant.get("controller", "")
+        return cls(values, Ts, (input_, output), known, target, trusted, controller)
 
     @property
     def refusal(self) -> str:
         """Why no controller can be written for them; empty where one can."""
         instead = "no other controller is written. Export the gains to target json, without limits."
+        if self.controller in CONTROLLERS or self.controller == STATE_FEEDBACK:
+            return ""
         if set(self.values) != set(GAINS):
             return f"gains {', '.join(self.values)} are not a PI's kp and Ti, and {instead}"
         form = "pi" if self.target is None else self.target.controller
         return "" if form == "pi" else f"controller {form!r} is no PI, and {instead}"
 
+    @property
+    def is_pi(self) -> bool:
+        """Whether they are a PI's, which has a program of its own."""
+        return self.controller in ("", "PI")
+
     def pi(self, Ts: float | None = None, limits: Limits | None = None) -> DigitalPI:
         """The controller; ``ValueError`` where the gains are no PI's or its limits unknown."""
+        if not self.is_pi:
+            raise ValueError(
+                f"controller {self.controller!r} is no PI, and for that this target is. Export "
+                "the gains to target c or json."
+            )
+        chosen, (low, high) = self._settled(Ts, limits)
+        kp, Ti = (validation.number(name, self.values[name]) for name in GAINS)
+        return DigitalPI(kp, Ti, chosen, low, high, self.signals)
+
+    def pid(self, Ts: float | None = None, limits: Limits | None = None) -> DigitalPID:
+        """The controller of the PID's family."""
+        chosen, (low, high) = self._settled(Ts, limits)
+        for name, value in self.values.items():
+            validation.number(name, value, remedy="Export gains that a tuner found.")
+        row = np.array([list(self.values.values())])
+        of = CONTROLLERS[self.controller].parallel(row, chosen)
+        Kp, Ki, Kd, Tf, b, c = (float(v[0]) for v in (of.Kp, of.Ki, of.Kd, of.Tf, of.b, of.c))
+        form = self.controller
+        return DigitalPID(form, Kp, Ki, Kd, Tf, b, c, chosen, low, high, self.signals)
+
+    def state_feedback(
+        self, Ts: float | None = None, limits: Limits | None = None
+    ) -> DigitalStateFeedback:
+        """The state feedback."""
+        chosen, (low, high) = self._settled(Ts, limits)
+        *states, kr = self.values
+        gains = {name: self.values[name] for name in states}
+        return DigitalStateFeedback(gains, self.values[kr], chosen, low, high, self.signals)
+
+    def _settled(self, Ts: float | None, limits: Limits | None) -> tuple[float, Limits]:
+        """Sampling time and limits, of a controller that can be written."""
         if self.refusal:
             raise ValueError(self.refusal)
         chosen = self.Ts if Ts is None else Ts
         if chosen is None:
             raise ValueError("Ts of the controller is missing: give it in seconds, Ts= (--Ts).")
-        kp, Ti = (validation.number(name, self.values[name]) for name in GAINS)
-        low, high = self._limits(limits)
-        return DigitalPI(kp, Ti, sampling_time(chosen), low, high, self.signals)
+        return sampling_time(chosen), self._limits(limits)
 
     def _limits(self, given: Limits | None) -> Limits:
         """Those given, or else known."""
@@ -141,12 +185,13 @@ class Gains:
 
 def plant_settings(plant: Plant) -> dict[str, Any]:
     """What a controller must know of its plant, as plain JSON values."""
-    target = plant.parametrisation.target
+    target, known = plant.parametrisation.target, controller_of(plant)
     return {
         "signals": list(plant.signals),
         "Ts": plant.Ts,
         "target": None if target is None else asdict(target),
         "command_limits": plant.command_limits and list(plant.command_limits),
+        **({"controller": known} if known else {}),
     }
 
 

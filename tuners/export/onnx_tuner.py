@@ -39,7 +39,6 @@ from yawrate_env.loop import controller
 from yawrate_env.loop.design import LEAST_LAG, Status
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.names import split
-from yawrate_env.plant.parametrisation import LOG
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -243,14 +242,27 @@ def _decode(graph: Graph, values: str, X: str, parts: Parts) -> None:
         found = graph.apply("And", found, graph.apply("Greater", columns[1], into(-np.pi / 2)))
         phase = graph.apply("Where", leads, into(-LEAST_LAG), columns[1])
         columns = _controller(graph, columns[0], phase, target)
-    elif parts.parametrisation.decode is LOG.decode:
-        columns = [graph.apply("Exp", column) for column in columns]
-    for gain in columns:
-        for bound in (graph.apply("Greater", gain, zero), graph.apply("Less", gain, into(np.inf))):
+    else:
+        columns = [_gain(graph, *each) for each in zip(columns, parts.columns, strict=True)]
+    for gain, signed in zip(columns, parts.signed, strict=True):
+        least = into(-np.inf) if signed else zero
+        for bound in (graph.apply("Greater", gain, least), graph.apply("Less", gain, into(np.inf))):
             found = graph.apply("And", found, bound)
     for name, gain in zip(names, columns, strict=True):
         graph.apply("Where", found, gain, into(np.nan), output=name)
     graph.apply("Where", found, reached, unreachable, output="status")
+
+
+def _gain(graph: Graph, value: str, column: tuple[str, float]) -> str:
+    """A gain from its coordinate; the hyperbolic sine of doubles is not in every runtime."""
+    kind, scale = column
+    if kind in ("linear", "gain"):
+        return value
+    grown = graph.apply("Exp", value)
+    if kind == "log":
+        return grown
+    half = graph.apply("Sub", grown, graph.apply("Reciprocal", grown))
+    return graph.apply("Mul", half, graph.constant(scale / 2))
 
 
 def _controller(graph: Graph, log_magnitude: str, phase: str, target: Target) -> list[str]:

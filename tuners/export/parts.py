@@ -17,7 +17,7 @@ from tuners.learners import Learner
 from tuners.tuner.stages import Stages, coordinates_of
 from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.design import Status, design_from_response
-from yawrate_env.plant.parametrisation import GAINS, LOG, Parametrisation
+from yawrate_env.plant.parametrisation import Parametrisation
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -104,12 +104,25 @@ class Parts:
                 status = design_from_response(values[:, 0], values[:, 1], target).status
         return gains, np.where(np.isfinite(gains).all(axis=1), status, int(Status.UNREACHABLE))
 
+    @property
+    def columns(self) -> tuple[tuple[str, float], ...]:
+        """Kind and scale of each coordinate, where there is no loop."""
+        columns = self.parametrisation.columns
+        return columns * len(self.plant.gains) if len(columns) == 1 else columns
+
+    @property
+    def signed(self) -> tuple[bool, ...]:
+        """Which gains may be zero or negative."""
+        none = (False,) * len(self.plant.gains)
+        return tuple(kind in ("linear", "signed") for kind, _ in self.columns) or none
+
     def _check(self) -> None:
         chosen = self.parametrisation
-        if chosen.target is None and chosen.decode not in (LOG.decode, GAINS.decode):
+        if chosen.target is None and not chosen.columns:
             raise ValueError(
                 "parametrisation: the plant has its own decode function, which no other program "
-                "knows. Export with LOG, GAINS or loop(target), or use the tuner in Python."
+                "knows. Export with LOG, GAINS, signed, of_gains or loop(target), or use the "
+                "tuner in Python."
             )
         if (trained := self.learner.width) != self.width:
             raise ValueError(

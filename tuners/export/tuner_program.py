@@ -20,7 +20,6 @@ from tuners.learners.trend import Trend
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import LEAST_LAG
 from yawrate_env.plant.episodes import sample
-from yawrate_env.plant.parametrisation import LOG, Parametrisation
 
 _PLANTS = 24
 _TOLERANCE = 1e-9  # relative, of gains
@@ -62,7 +61,8 @@ def tuner_program(
         "constant_size": size["constant_size"] + 8 * int(learned),
         "stack_size": size["stack_size"] + 8 * own,
         **learner,
-        **_decoding(parts.parametrisation),
+        **_decoding(parts),
+        "signed": [int(each) for each in parts.signed],
     }
     return {**first_stage_program(tuner, name=first), **program("tuner", name, values)}
 
@@ -98,11 +98,11 @@ def _network(learner: Learner) -> dict[str, Any]:
     )
 
 
-def _decoding(parametrisation: Parametrisation) -> dict[str, Any]:
+def _decoding(parts: Parts) -> dict[str, Any]:
     """What the template needs to make gains of predicted coordinates."""
-    target = parametrisation.target
+    target = parts.parametrisation.target
     if target is None:
-        return {"target": None, "logarithms": parametrisation.decode is LOG.decode}
+        return {"target": None, "columns": parts.columns}
     return {
         "target": target,
         "omega": controller.warped(target),

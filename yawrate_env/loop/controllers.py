@@ -11,12 +11,12 @@ PID, PIDF       kp, Ti, Td[, Tf]         kp (1 + 1/(Ti s) + Td s/(1 + Tf s)) e
 PI-D            kp, Ti, Td, Tf           kp ((1 + 1/(Ti s)) e - Td s/(1 + Tf s) y)
 2DOF            kp, Ti, Td, Tf, b        kp (b r - y + 1/(Ti s) e - Td s/(1 + Tf s) y)
 lead-lag        K, T1, T2                K (1 + T1 s)/(1 + T2 s) e
-state feedback  k1, ..., kn              kr r - k1 x1 - ... - kn xn
+state feedback  k1, ..., kn, kr          kr r - k1 x1 - ... - kn xn
 ==============  =======================  ====================================================
 
 with ``e = r - y``.  Tustin's formula ``s = 2/Ts (z - 1)/(z + 1)`` makes them digital.  PD and PID
-have the filter ``Tf = Ts/2``, with which the derivative is a backward difference.  The reference's
-gain kr of a state feedback makes the steady output the reference.
+have the filter ``Tf = Ts/2``, with which the derivative is a backward difference.  Rules choose
+the gain kr of a state feedback so that the steady output is the reference.
 
 All but the last are ``u = Kp (b r - y) + Ki/s e + Kd s/(1 + Tf s) (c r - y)``: `Parallel`.
 """
@@ -39,6 +39,8 @@ from yawrate_env.loop.target import Target
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+STATE_FEEDBACK = "state feedback"
 
 _OF_PROCESSES = "simc", "lambda", "imc", "amigo"
 _KINDS = {"PI-D": "PIDF", "2DOF": "PIDF"}  # whose loops are another's
@@ -279,10 +281,21 @@ class Printed(_OfOutput):
 
 @dataclass(frozen=True, slots=True)
 class StateFeedback:
-    """Feedback of the plant's n states, of gains of either sign."""
+    """Feedback of the plant's n states, of gains of either sign, and a gain of the reference.
 
-    gains: tuple[str, ...]
-    name: str = "state feedback"
+    Attributes
+    ----------
+    states : tuple of str
+        Names of the states' gains; the reference's is kr.
+    """
+
+    states: tuple[str, ...]
+    name: str = STATE_FEEDBACK
+
+    @property
+    def gains(self) -> tuple[str, ...]:
+        """Names of its gains, kr the last."""
+        return *self.states, "kr"
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -307,32 +320,32 @@ class StateFeedback:
     def open_loop(self, plant: DiscretePlant, gains: Array, delay_samples: int) -> TransferFunction:
         """From the plant's input to what is fed back."""
         self._check(plant)
-        seen = DiscretePlant(plant.A, plant.B, gains, plant.Ts)
+        seen = DiscretePlant(plant.A, plant.B, gains[:, :-1], plant.Ts)
         return TransferFunction.of(seen, delay_samples)
 
     def close(self, plant: DiscretePlant, gains: Array, delay_samples: int) -> Feedback:
         """As `Controller` says."""
         self._check(plant)
         one = np.ones((len(gains), 1))
-        kr = self.reference_gain(plant, gains)[:, None]
-        return Feedback.of(plant, Compensator(kr, one, one), delay_samples, gains)
-
-    def reference_gain(self, plant: DiscretePlant, gains: Array) -> Array:
-        """Kr (B,), with which the steady output is the reference."""
-        A = plant.A - plant.B[:, :, None] * gains[:, None, :]
-        steady = np.eye(A.shape[1]) - A
-        states = np.einsum("bij,bj->bi", np.linalg.pinv(steady), plant.B)
-        with np.errstate(divide="ignore"):
-            return np.asarray(1 / (states @ plant.C))
+        made = Compensator(gains[:, -1:], one, one)
+        return Feedback.of(plant, made, delay_samples, gains[:, :-1])
 
     def _check(self, plant: DiscretePlant) -> None:
         if plant.delay is not None:
             raise ValueError("a state feedback needs a plant without dead time. Choose a PID.")
-        if plant.A.shape[1] != len(self.gains):
+        if plant.A.shape[1] != len(self.states):
             raise ValueError(
-                f"a state feedback with gains {', '.join(self.gains)} is for a plant of as many "
+                f"a state feedback with gains {', '.join(self.states)} is for a plant of as many "
                 f"states, not of {plant.A.shape[1]}. Name a gain for each state."
             )
+
+
+def reference_gain(plant: DiscretePlant, K: Array) -> Array:
+    """Kr (B,), with which the steady output is the reference, of a state feedback (B, n)."""
+    steady = np.eye(K.shape[1]) - plant.A + plant.B[:, :, None] * K[:, None, :]
+    states = np.einsum("bij,bj->bi", np.linalg.pinv(steady), plant.B)
+    with np.errstate(divide="ignore"):
+        return np.asarray(1 / (states @ plant.C))
 
 
 CONTROLLERS: dict[str, PID | LeadLag] = {

@@ -64,8 +64,9 @@ def constrained(
         return np.stack([largest_gain(unit(t), Ms) / t for t in Ti.T], axis=1)
 
     tried = np.log(Ts * np.geomspace(_SHORTEST, _LONGEST, _TIMES))
-    x, ki = _highest(integral_gain, tried[None].repeat(count, axis=0))
-    return np.stack([ki * np.exp(x), np.exp(x)], axis=1)
+    x, _ = _highest(integral_gain, tried[None].repeat(count, axis=0))
+    Ti = np.exp(x)
+    return np.stack([largest_gain(unit(Ti), Ms), Ti], axis=1)
 
 
 def _highest(function: Callable[[Array], Array], grid: Array) -> tuple[Array, Array]:

@@ -49,7 +49,7 @@ SCALES = {
 """Errors that count as one, of metrics whose size does not depend on the plant's; those of the
 yaw-rate environment where it has them."""
 
-SPEEDS = {"slow": 0.5, "medium": 1.0, "fast": 2.0}
+SPEEDS = {"slow": 2 / 3, "medium": 1.0, "fast": 1.5}
 """Loops that are offered beside each other, as fast as the rule's by these factors."""
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.loop import shaping
-from yawrate_env.loop.controllers import Parallel
+from yawrate_env.loop.controllers import Parallel, reference_gain
 from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.margins import TransferFunction
 from yawrate_env.loop.process_rules import PROCESS_RULES, Standard
@@ -75,7 +75,11 @@ def constrained(loop: "ControlLoop", theta: Array) -> Designed:
 
 def optimal(loop: "ControlLoop", theta: Array) -> Designed:
     """The linear-quadratic regulator."""
-    gains = shaping.lqr(loop.sampled(theta), loop.weight / loop.speed**2)
+    plant = loop.sampled(theta)
+    K = shaping.lqr(plant, loop.weight / loop.speed**2)
+    found = _found(K)
+    kr = reference_gain(plant, np.where(found[:, None], K, 0.0))
+    gains = np.column_stack([K, np.where(found, kr, np.nan)])
     return gains, _found(gains)
 
 

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.loops import Loops
+from yawrate_env.plant.control_loop import ControlLoop
 from yawrate_env.plant.distributions import Range
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.noise import snr
 from yawrate_env.plant.parametrisation import loop
-from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE, PILoop
+from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE
 from yawrate_env.plant.plant import Out, Plant, Written
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.suspect import Suspect
@@ -135,6 +136,7 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         search_limits=vehicles.limits(),
         action_bounds=None if task.prior.others else vehicles.action_bounds,
         loop=vehicles.loop,
+        speeds=vehicles.speeds,
         display=DISPLAY,
         command_limits=COMMAND_LIMITS,
         black_box=BLACK_BOX,
@@ -253,10 +255,15 @@ class Vehicles:
 
     def loop(self, theta: Array, gains: Array) -> ClosedLoop:
         """One vehicle's, for small steps: in degrees, as people read them."""
-        task = self.task
-        return PILoop(self.discrete, task.experiment.Ts, task.target, IN_DEGREES).around(
-            theta, gains
-        )
+        return self._drawn.around(theta, gains)
+
+    def speeds(self, theta: Array) -> dict[str, Array]:
+        """Gains (2,) of slower and faster loops around one vehicle."""
+        return self._drawn.speeds(theta)
+
+    @property
+    def _drawn(self) -> ControlLoop:
+        return ControlLoop(self.discrete, self.task.experiment.Ts, self.task.target, IN_DEGREES)
 
     def discrete(self, theta: Array, Ts: float) -> DiscretePlant:
         """The linear vehicles at a sampling time [s]."""

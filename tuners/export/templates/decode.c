@@ -22,14 +22,14 @@ static int decode(const double values[OUTPUTS], double gains[OUTPUTS])
     return status;
 }
 {% else %}
-/* Gains {{ "from logarithms" if logarithms else "as they are" }}; {{ status.ok }}. */
+/* Gains from their coordinates; {{ status.ok }}. */
 static int decode(const double values[OUTPUTS], double gains[OUTPUTS])
 {
-    int i;
-
-    for (i = 0; i < OUTPUTS; i++) {
-        gains[i] = {{ "exp(values[i])" if logarithms else "values[i]" }};
-    }
+{% for kind, scale in columns %}
+{% set i = loop.index0 %}
+{% set factor = "" if scale == 1 else (scale | number) ~ " * " %}
+    gains[{{ i }}] = {{ factor }}{{ {"log": "exp(values[%d])", "signed": "sinh(values[%d])"}.get(kind, "values[%d]") | replace("%d", i) }};
+{% endfor %}
     return {{ status.ok }};
 }
 {% endif %}

@@ -28,13 +28,17 @@ static int all_finite(const double x[ALL])
     return result;
 }
 
+{% if 1 in signed %}
+static const int SIGNED[OUTPUTS] = { {{ signed | join(", ") }} }; /* may be zero or negative */
+
+{% endif %}
 static int all_usable(const double gains[OUTPUTS])
 {
     int result = 1;
     int i;
 
     for (i = 0; i < OUTPUTS; i++) {
-        if (!((isfinite(gains[i]) != 0) && (gains[i] > 0.0))) {
+        if (!((isfinite(gains[i]) != 0) && {{ "((SIGNED[i] != 0) || (gains[i] > 0.0))" if 1 in signed else "(gains[i] > 0.0)" }})) {
             result = 0;
         }
     }

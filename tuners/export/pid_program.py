@@ -1,0 +1,77 @@
+"""Controllers of the PID's family, and state feedbacks, as C99 programs."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.export.digital_pid import DigitalPID
+from tuners.export.digital_state_feedback import DigitalStateFeedback
+from tuners.export.pi_program import REALS
+from tuners.export.programs import program
+from yawrate_env import validation
+
+Array = NDArray[np.float64]
+
+_TOLERANCE = {"double": 1e-11, "float": 1e-3}
+_COUNT = 240
+
+
+def pid_program(
+    pid: DigitalPID, *, real: str = "double", name: str = "yawrate_pid"
+) -> dict[str, str]:
+    """Header, source and test program, by file name; `real` is the type of all numbers."""
+    validation.one_of("real", real, REALS)
+    reference, measured, start = golden_signals(pid)
+    values = {
+        "pid": pid,
+        "real": real,
+        "start": start,
+        "references": reference,
+        "measured": measured,
+        "commands": pid.run(reference, measured, start=start),
+        "tolerance": _TOLERANCE[real] * max(abs(pid.low), abs(pid.high), 1.0),
+    }
+    return program("pid", name, values)
+
+
+def golden_signals(pid: DigitalPID) -> tuple[Array, Array, tuple[float, float, float]]:
+    """References, outputs (240,), and the start, that reach every branch of the program.
+
+    Linear operation on a reference that moves, both limits, the return from each, missing samples
+    and absurd ones.
+    """
+    size = (pid.high - pid.low) / (8 * (pid.Kp + pid.half + abs(pid.rate)))
+    rng = np.random.default_rng(0)
+    reference = size * (60 + np.repeat(rng.uniform(-2, 2, _COUNT // 20), 20))
+    errors = size * rng.uniform(-1, 1, _COUNT)
+    errors[0] = 0.5 * size
+    errors[60:110] = 40 * size
+    errors[130:190] = -40 * size
+    measured = reference - errors
+    measured[[20, 21, 80, 150]] = np.nan, np.inf, -np.inf, np.nan
+    measured[[40, 120, 200]] = -1e6 * size, 3e38, -3e38
+    reference[[45, 205]] = np.nan, np.inf
+    start = float(reference[0]), float(measured[0]), pid.low + 0.6 * (pid.high - pid.low)
+    return reference, measured, start
+
+
+def state_feedback_program(
+    of: DigitalStateFeedback, *, real: str = "double", name: str = "yawrate_state_feedback"
+) -> dict[str, str]:
+    """Header, source and test program, by file name."""
+    validation.one_of("real", real, REALS)
+    rng, n = np.random.default_rng(0), len(of.gains)
+    wide = of.high - of.low
+    sizes = wide / np.maximum(np.abs(list(of.gains.values())), 1e-3 * wide)
+    states = sizes * rng.uniform(-1, 1, (60, n))
+    reference = wide / max(abs(of.reference_gain), 1e-3 * wide) * rng.uniform(-0.3, 0.3, 60)
+    states[[20, 30], 0], reference[40], start = (np.nan, np.inf), np.nan, of.low + 0.6 * wide
+    values = {
+        "of": of,
+        "real": real,
+        "start": start,
+        "references": reference,
+        "states": states.ravel(),
+        "commands": of.run(reference, states, start=start),
+        "tolerance": (1e-12 if real == "double" else 2e-5) * max(abs(of.low), abs(of.high), 1.0),
+    }
+    return program("state_feedback", name, values)
