@@ -1,19 +1,22 @@
 """Log files as people have them: sixty with a known answer, and thousands with random damage.
 
 python scripts/log_files.py files               # what becomes of each of the sixty
-python scripts/log_files.py hunt --count 5000   # counts by outcome; forbidden ones by seed
+python scripts/log_files.py hunt                # 5,000, to results/log_files.*
+python scripts/log_files.py hunt --count 1000   # and --first 1000 goes on where that has stopped
 """
 
 import json
 import os
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import click
 from click.testing import CliRunner
 
-from studies import mutations
+from studies import mutations, mutations_page
 from studies.log_files import LogFile, log_files
+from studies.program import FOLDER
 from tuners.cli import main as yawrate
 from tuners.cli.progress import Bars
 
@@ -57,17 +60,27 @@ RIGHT = {"kp": 0.15051, "Ti": 0.10417}
 
 @main.command()
 @click.option("--count", type=int, default=5000, show_default=True)
+@click.option("--first", type=int, default=0, show_default=True, help="Go on from this one.")
 @click.option("--seed", type=int, default=0, show_default=True)
-def hunt(count: int, seed: int) -> None:
+@click.option("--results", type=FOLDER, default=Path("results"), help="Folder, made if absent.")
+def hunt(count: int, first: int, seed: int, results: Path) -> None:
     """Damage valid files of every format."""
+    stored = results / "log_files.json"
+    before = json.loads(stored.read_text()) if first else None
+    if before and before["conditions"] != {"count": first, "seed": seed}:
+        raise click.ClickException(f"--first {first}: {stored} has {before['conditions']}.")
     cases = []
     with Bars() as bars:
-        for case in mutations.hunt(count, seed, lambda done: bars("hunting", done, count)):
+        progress = partial(bars, "hunting", of=count)
+        for case in mutations.hunt(count, seed, progress, first):
             cases.append(case)
             if case.outcome in mutations.FORBIDDEN:
                 click.echo(f"{case.outcome}: {case.source}, seed {case.seed}: {case.damage}; "
                            f"{case.words[:200]}")  # fmt: skip
-    click.echo(mutations.to_markdown(cases))
+    found = mutations_page.counted(cases, seed)
+    results.mkdir(parents=True, exist_ok=True)
+    mutations_page.write(mutations_page.merged(before, found) if before else found, results)
+    click.echo((results / "log_files.md").read_text())
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ import multiprocessing
 import resource
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -217,21 +216,24 @@ class Case:
 
 
 def hunt(
-    count: int, seed: int = 0, progress: Callable[[int], None] | None = None
+    count: int, seed: int = 0, progress: Callable[[int], None] | None = None, first: int = 0
 ) -> Iterator[Case]:
-    """Damage `count` files in turn, each in a process that is ended if it hangs."""
+    """Damage `count` files in turn, each in a process that is ended if it hangs.
+
+    A hunt in parts, each from its `first` file on, damages the same files.
+    """
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         contents = _written(folder)
         worker = Worker(folder)
         try:
-            for k in range(count):
+            for k in range(first, first + count):
                 source = SOURCES[k % len(SOURCES)]
                 damage, content = mutated(contents[source], seed + k)
                 found, words = worker(source, content)
                 yield Case(source, seed + k, damage, found, words)
                 if progress is not None:
-                    progress(k + 1)
+                    progress(k + 1 - first)
         finally:
             worker.end()
 
@@ -300,16 +302,3 @@ def _serve(pipe: Connection, path: Path) -> None:
         found, words = outcome(damaged, dbc, clean)
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         pipe.send((found, words, time.process_time() - begun, memory))
-
-
-def to_markdown(cases: list[Case]) -> str:
-    """Counts by outcome and format."""
-    outcomes = (RIGHT, UNTRUSTED, REFUSED, *FORBIDDEN)
-    rows: dict[str, Counter[str]] = {}
-    for case in cases:
-        rows.setdefault("".join(Path(case.source).suffixes), Counter())[case.outcome] += 1
-    total: Counter[str] = sum(rows.values(), Counter())
-    lines = [f"| file | {' | '.join(outcomes)} |", "|---" * (len(outcomes) + 1) + "|"]
-    for name, counts in [*sorted(rows.items()), ("all", total)]:
-        lines.append(f"| {name} | {' | '.join(str(counts[o]) for o in outcomes)} |")
-    return "\n".join(lines) + "\n"

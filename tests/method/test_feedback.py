@@ -8,7 +8,7 @@ from families import reference as rival
 
 import tuners
 from tuners.features.laguerre import Laguerre
-from tuners.trust.feedback import projected_on, share
+from tuners.trust.feedback import projected_on, rebuilt, share
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import Nominal
 from yawrate_env.loop.closed_loop import time_response
@@ -60,6 +60,32 @@ def test_a_reference_that_is_the_input_explains_it_and_another_does_not():
     found = projected_on(np.stack([r, other]), np.stack([r, r]), TS, FUNCTIONS)
     explained = share(found, np.stack([r, r]))
     assert explained[0] > 0.97 and explained[1] < 0.4
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-4, 1e-3])
+def test_rounding_of_a_slow_weave_explains_no_noise(rounding):
+    rng, time = np.random.default_rng(4), TS * np.arange(N)
+    weave = np.sin(2 * np.pi * 0.25 * time)
+    logged = weave + rounding * rng.uniform(-0.5, 0.5, N)
+    noise = 0.1 * rng.standard_normal((8, N))
+    clean, found = (
+        projected_on(logged[None], weave + e, TS, FUNCTIONS) for e in (0 * noise, noise)
+    )
+    settled = slice(300, None)  # what began before is not explained
+    assert share(clean[:, settled], np.tile(weave[settled], (8, 1))).min() > 0.98
+    assert ((found - clean) ** 2).mean() < 3 * 0.1**2 * 2 / N  # a sine has two numbers
+
+
+@pytest.mark.parametrize("kind", ["weave", "steps"])
+def test_the_start_of_a_rebuilt_reference_is_what_nothing_before_foretells(kind):
+    loops, steps, _, _ = driven()
+    weave = 0.1 * np.sin(2 * np.pi * 0.25 * TS * np.arange(N))
+    reference = {"weave": weave, "steps": steps}[kind]
+    kp, Ti = np.full(6, 0.1), np.full(6, 0.06)
+    y, u = time_response(loops.plant, kp, Ti, TARGET, reference, np.zeros(N))
+    begun = 110  # in motion, so that the controller's integral is not known
+    found = rebuilt(u[0, begun:], y[0, begun:], TS, (0.1, 0.06), TARGET)
+    np.testing.assert_allclose(found, reference[begun:], atol=1e-9)
 
 
 def test_with_the_reference_disturbed_loops_are_tuned_as_open_ones():

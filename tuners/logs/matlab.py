@@ -8,6 +8,7 @@ matrix, ``x:1``.  Elements of a structure array, as Simulink's signals, are call
 import faulthandler
 import os
 import signal
+import struct
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
@@ -22,6 +23,7 @@ import numpy as np
 from tuners.logs.table import Array, Column, LogError, Table
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
+_END = {0: 40, 1: 44, 2: 28, 3: 28}  # where a superblock of this version has the file's length
 _DEEPEST = 8
 _PATIENCE = 10  # s
 _MOST = 20_000  # datasets that are looked at
@@ -115,9 +117,27 @@ def _seconds(values: Any) -> Any:
     return (values - start) / np.timedelta64(1, "s")
 
 
+def _check_length(content: bytes) -> None:
+    """``LogError`` where an HDF5 file is longer than its superblock says: bytes came in between.
+
+    Nothing else shows that: h5py reads a channel's values where they were, one or more of another
+    time.  The library itself refuses what is shorter.
+    """
+    begin = content.index(HDF5)
+    version = content[begin + 8]
+    if version in _END:
+        (end,) = struct.unpack_from("<Q", content, begin + _END[version])
+        if end != len(content):
+            raise LogError(
+                f"The HDF5 file has {len(content)} bytes and says that it has {end}: it was "
+                "damaged on its way. Copy it again, or let h5repack write it anew."
+            )
+
+
 def _hdf5(content: bytes) -> Any:
     import h5py
 
+    _check_length(content)
     seen: set[Any] = set()  # links may form loops
 
     def children(group: Any) -> Iterator[tuple[str, Any]]:

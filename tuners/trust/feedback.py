@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import BlackBox, black_box, free_responses
 from tuners.trust.fit import fit
+from tuners.trust.octaves import energies, octaves
 from yawrate_env.loop.controller import coefficients
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.plant import Plant
@@ -31,6 +32,9 @@ Array = NDArray[np.float64]
 
 _ORDER, _RADIANS, _SAMPLES = 40, 8.0, 40  # at most; of the pole for each function, and samples
 _SINGULAR = 1e-7  # of the largest singular value: directions that the reference does not excite
+_FAINT = 1e-3  # of it: directions that need not be excited by more than rounding
+_CERTAIN = 4.0  # standard deviations of what noise explains along a direction
+_FORETOLD = 4  # order of a reference's autoregressive model
 _ROUNDED = 1e-3  # of a sampling time
 
 
@@ -58,9 +62,28 @@ def projected_on(reference: Array, u: Array, Ts: float, functions: Laguerre) -> 
     for i, row in enumerate(u):
         if i == 0 or len(reference) > 1:
             phi = basis.regressors(ahead[i : i + 1], Ts)[0]
-            inverse = np.linalg.pinv((phi - (phi @ Z.T) @ Z).T, rcond=_SINGULAR)
-        found[i] = (inverse @ row) @ phi
+            left, sizes, directions = np.linalg.svd(phi - (phi @ Z.T) @ Z, full_matrices=False)
+            kept = sizes > _SINGULAR * sizes[0]
+            left, sizes, directions = left[:, kept] / sizes[kept], sizes[kept], directions[kept]
+        along = directions @ row
+        strong = int((sizes > _FAINT * sizes[0]).sum())
+        certain = max(strong, _certain(along, row - (row @ Z.T) @ Z, directions))
+        found[i] = (left[:, :certain] @ along[:certain]) @ phi
     return found
+
+
+def _certain(along: Array, row: Array, directions: Array) -> int:
+    """How many of the directions (k, N) that a reference excites explain an input, not its noise.
+
+    All after the last one that explains more than noise does explain noise: a slow weave excites
+    two, and rounding, or the start of a reference that was rebuilt, the others.
+    """
+    rest = row - along @ directions
+    white = np.atleast_1d(rest @ rest / max(len(row) - len(along), 1))
+    energy = energies(directions)
+    spectrum = octaves(energies(rest[None]) / len(row), len(along), white)[0]
+    noise = energy @ spectrum / energy.sum(axis=1)
+    return int(np.flatnonzero(along**2 > _CERTAIN**2 * noise).max(initial=0)) + 1
 
 
 def share(explained: Array, u: Array) -> Array:
@@ -125,7 +148,8 @@ def rebuilt(u: Array, y: Array, Ts: float, gains: tuple[float, float], target: T
 
     Exact where `y` is what the controller saw; where it saw other noise, the difference is in the
     reference, too.  The controller's integral at the start is unknown, and what it adds to the
-    reference, which decays with Ti, is chosen such that the reference bends least.
+    reference, which decays with Ti, is what an autoregressive model of its second half does not
+    foretell.
 
     Parameters
     ----------
@@ -155,10 +179,29 @@ def rebuilt(u: Array, y: Array, Ts: float, gains: tuple[float, float], target: T
     command = u[own]
     state = lfilter([0.0, target.Ts / n1], [1.0, -decay], command)
     reference = y[own] + (command - integral * state) / n1
-    started = decay ** np.arange(len(command))
-    slope, jumps = np.diff(started, 2), np.diff(reference, 2)
-    energy = slope @ slope
-    if energy > 0:
-        reference = reference - (jumps @ slope) / energy * started
+    started = decay ** np.arange(len(command), dtype=np.float64)
+    reference = reference - _share(reference, started) * started
     held = np.repeat(reference, step)[: len(u) - own.start]
     return np.concatenate([np.full(own.start, reference[0]), held])
+
+
+def _share(signal: Array, decay: Array) -> float:
+    """By how much a decay is in a signal (N,), whose later half tells how it moves otherwise.
+
+    The median of what each sample says: that it turns or steps a few times does no harm.
+    """
+    bends, known = np.diff(signal, 2), np.diff(decay, 2)
+    half = len(bends) // 2
+    if half <= 2 * _FORETOLD:
+        return 0.0
+    past = np.stack([bends[half - k : len(bends) - k] for k in range(1, _FORETOLD + 1)], axis=1)
+    usual = np.append(1.0, -np.linalg.lstsq(past, bends[half:], rcond=None)[0])
+    new, decaying = (np.convolve(x, usual, "valid") for x in (bends, known))
+    weights = np.abs(decaying)
+    if not weights.max() > 0:
+        return 0.0
+    tells = weights > _SINGULAR * weights.max()
+    shares, weights = new[tells] / decaying[tells], weights[tells]
+    order = np.argsort(shares)
+    sums = weights[order].cumsum()
+    return float(shares[order][np.searchsorted(sums, sums[-1] / 2)])
