@@ -148,7 +148,8 @@ class Findings:
     @property
     def _sign(self) -> float:
         """Of the plant's gain: how the output in mid-prior follows a step."""
-        stepped = self.plant.respond(self.plant.middle, np.ones(len(self.plant.u)))[0]
+        step = np.ones(len(self.plant.u))
+        stepped = self.plant.emulated(step).respond(self.plant.middle, step)[0]
         return float(np.sign(stepped.mean()))
 
 

@@ -150,9 +150,13 @@ def identify(
 
 
 def output_slopes(plant: Plant, theta: Array, u: Array | None = None) -> Array:
-    """Derivatives of outputs to the unknown parameters in their ranges' widths, (B, q, N)."""
+    """Derivatives of outputs to the unknown parameters in their ranges' widths, (B, q, N).
+
+    Of a slow plant they are its emulator's, where that knows the input.
+    """
     sides = 2 * len(plant.unknown)
     tiled = u if u is None or u.ndim == 1 or len(u) == 1 else np.tile(u, (sides, 1))
+    plant = plant.emulated(u)
     return central(plant, theta, lambda t: plant.respond(t, tiled)).swapaxes(1, 2)
 
 

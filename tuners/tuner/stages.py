@@ -14,7 +14,7 @@ from tuners.features import (
     settings_of,
     with_measured,
 )
-from tuners.learners import LEARNERS, Learner, Settings
+from tuners.learners import Learner, Settings, learner_named, name_of, settings_for
 from tuners.tuner.method import Gains, Rung
 from tuners.tuner.recording import Recording
 from yawrate_env import validation
@@ -38,10 +38,10 @@ class Recipe:
 
     Attributes
     ----------
-    features : Armax, Laguerre, Regularised or FrequencyResponse
-        First stage.
-    learner : GBMSettings, FeedForwardSettings or TrendSettings
-        Second stage.
+    features : Features
+        First stage: one of `tuners.features`, or a dataclass of one's own.
+    learner : Settings
+        Second stage: one of `tuners.learners`, a regressor of scikit-learn, or one's own.
     parametrisation : {"plant", "gains"}
         What is predicted: the plant's coordinates, or the gains themselves.
     noise_draws : int
@@ -61,6 +61,7 @@ class Recipe:
         validation.count("noise_draws", self.noise_draws, remedy="Record every plant once or more.")
         validation.count("episodes", self.episodes, remedy="Simulate some.")
         check_features(self.features)
+        object.__setattr__(self, "learner", settings_for(self.learner))
 
 
 def coordinates_of(plant: Plant, parametrisation: str) -> Parametrisation:
@@ -74,9 +75,9 @@ class Stages:
 
     Attributes
     ----------
-    features : Armax, Laguerre, Regularised or FrequencyResponse
+    features : Features
         First stage.
-    learner : FeedForward, GBM, Trend or Agent
+    learner : Learner
         Second stage.
     parametrisation : {"plant", "gains"}
         What the learner predicts.
@@ -139,10 +140,9 @@ class Stages:
 
     def settings(self) -> dict[str, Any]:
         """What to save beside the learner's arrays, as plain JSON values."""
-        kinds = {kind: name for name, kind in LEARNERS.items()}
         return {
             "features": settings_of(self.features),
-            "learner": kinds[type(self.learner)],
+            "learner": name_of(self.learner),
             "parametrisation": self.parametrisation,
         }
 
@@ -155,7 +155,7 @@ class Stages:
         """Rebuild from what was saved."""
         return cls(
             features_named(**settings["features"]),
-            LEARNERS[settings["learner"]].from_arrays(arrays),
+            learner_named(settings["learner"], arrays),
             validation.one_of("parametrisation", settings["parametrisation"], PARAMETRISATIONS),
         )
 

@@ -430,12 +430,12 @@ class Tuner:
     @cached_property
     def _left_over(self) -> float:
         """Share of the outputs that the reference model cannot explain, of a nonlinear plant."""
-        return 0.0 if self.plant.linear else left_over(self.plant, self.black_box)
+        return 0.0 if self.plant.linear else left_over(self.plant.emulated(), self.black_box)
 
     @cached_property
     def black_box(self) -> Laguerre:
         """Laguerre basis of the reference model."""
-        return functions_for(self.plant)
+        return functions_for(self.plant.emulated())
 
     def _excited(self, recording: Recording, found: Gains) -> Gains:
         """Discard gains from recordings without excitation, for methods that need it."""
@@ -457,7 +457,8 @@ class Tuner:
         u = self.plant.u
         turns = np.flatnonzero(np.diff(u, prepend=np.nan, append=np.nan))
         longest = np.diff(turns).max(initial=1) * self.plant.Ts
-        return np.abs(u).max(), np.ptp(self.plant.respond(self.plant.middle)), longest
+        output = np.ptp(self.plant.emulated().respond(self.plant.middle))
+        return np.abs(u).max(), output, longest
 
     def known(self, theta: Array) -> NDArray[np.bool_]:
         """Which recordings (B,) have measured parameters that the tuner was made for."""
