@@ -12,24 +12,35 @@ from numpy.typing import NDArray
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
 from tuners.features.response import FrequencyResponse
+from tuners.learners import check_arrays
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.polynomial import PolynomialSettings
 from tuners.learners.trend import TrendSettings
+from tuners.trust.emulator import PREFIX, OutputEmulator, with_emulator
 from tuners.tuner import tuner_file
-from tuners.tuner.against_bound import judge
 from tuners.tuner.direct import FictitiousReference, VirtualReference
 from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
 from tuners.tuner.notes import hidden
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import BlackBoxRule, GrayBox, Nominal, Oracle
+from tuners.tuner.simulations import of_others, shown, simulating
 from tuners.tuner.stages import Recipe, Stages
-from tuners.tuner.training import CALIBRATION, calibrate, check_calibration, fit, recipe_for
+from tuners.tuner.training import (
+    CALIBRATION,
+    check_calibration,
+    expected,
+    finished,
+    fit,
+    plants_for,
+    recipe_for,
+)
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
+from yawrate_env.plant import entry
 from yawrate_env.plant.entry import find
-from yawrate_env.plant.episodes import share_without_gains
+from yawrate_env.plant.episodes import prior_gains
 from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Experiment, Prior, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
@@ -102,6 +113,9 @@ def train(
     name: str | None = None,
     progress: Progress | None = None,
     data: Examples | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
 ) -> Tuner:
     """Train a two-stage tuner on simulated episodes of the ``train`` set.
 
@@ -122,31 +136,39 @@ def train(
     name : str, optional
         What the record calls it; its name in `RECIPES`, or else ``"custom"``.
     progress : callable, optional
-        Called with the stage's name, how far it is, and how far it goes.
+        Called with the stage's name, how far it is, and how far it goes.  Of a slow plant bars
+        with the time that remains are shown if omitted.
     data : Examples, optional
         Data already simulated with these features, instead of new ones.
+    workers, scheduler, checkpoint
+        Of a slow plant: how many processes simulate, or the address of a Dask scheduler, and a file
+        that keeps the simulations, to go on after an interruption (`tuners.tuner.simulations`).
     """
     if calibration is not None:
         check_calibration(calibration)
-    recipe: Recipe
+    recipe: Recipe | None = None
     if isinstance(what, Plant) or (isinstance(what, str) and ":" in what):
         if plant is not None:
             raise ValueError("plant is given twice. Leave one out, or give a recipe first.")
         plant, known = find(what), "two-stage"
-        recipe = recipe_for(plant)
         calibration = CALIBRATION if calibration is None else calibration
     else:
         known, recipe = recipe_named(what)
         plant = yaw_rate(_task(known)) if plant is None else find(plant)
-    share = share_without_gains(plant)  # refuses a plant of which nothing can be learned
-    stages, training = fit(
-        plant, recipe, count=episodes, seed=seed, name=name or known, data=data, progress=progress
-    )
-    tuner = Tuner(plant, stages, training)
-    training["without_gains"] = share
-    if calibration:
-        judge(tuner, seed)
-        calibrate(tuner, calibration, seed, progress)
+    prior_gains(plant)  # refuses a plant of which nothing can be learned
+    count = episodes or (plants_for(plant) if recipe is None else recipe.episodes)
+    total = expected(plant, count, calibration or 0)
+    with (
+        shown(plant, progress) as bars,
+        simulating(plant, workers, scheduler, checkpoint, bars, total) as ready,
+    ):
+        report = of_others(plant, bars)
+        stages, training = fit(
+            ready, recipe or recipe_for(ready), count=episodes, seed=seed, name=name or known,
+            data=data, progress=report,
+        )  # fmt: skip
+        tuner = finished(ready, stages, training, calibration or 0, report)
+    tuner.plant = with_emulator(plant, tuner.plant.emulator)
     return tuner
 
 
@@ -163,9 +185,6 @@ def _task(name: str) -> Task:
     """The paper's vehicles at a recipe's speeds, with its excitation."""
     prior = Prior(v_x=SPEEDS[name]) if name in SPEEDS else Prior()
     return Task(prior=prior, experiment=Experiment(register=REGISTERS.get(name, "same")))
-
-
-_TYPES = ("float64", "float32", "int64", "uint8", "bool")
 
 
 def load(name: str | os.PathLike[str], plant: Plant | None = None) -> Tuner:
@@ -210,7 +229,13 @@ def from_file(path: str | os.PathLike[str], plant: Plant | None = None) -> Tuner
     kinds[Stages.kind] = Stages
     with tuner_file.rebuilding(path):
         found = tuner_file.plant_of(path, settings, plant)
-        _check_arrays(arrays)
+        check_arrays(arrays)
+        for name in _entries(settings):
+            entry.attribute(name, Path(path).parent)
+        arrays, emulated = _parted(arrays)
+        if emulated:
+            emulator = OutputEmulator.from_arrays(found, emulated)
+            found = found.with_simulator(found.simulate, emulator)
         method = kinds[settings["method"]].from_file(settings, arrays)
         factors = [_factors(settings, n, found) for n in ("calibration", "exact_calibration")]
         training = validation.instance("training", settings["training"], dict, remedy="")
@@ -220,11 +245,20 @@ def from_file(path: str | os.PathLike[str], plant: Plant | None = None) -> Tuner
         return tuner
 
 
-def _check_arrays(arrays: dict[str, NDArray[Any]]) -> None:
-    """``ValueError`` for arrays that no learner has: of other types, or not finite."""
-    for name, array in arrays.items():
-        if array.dtype not in _TYPES or not np.isfinite(array).all():
-            raise ValueError(f"{name} is not of finite numbers of a learner's types.")
+def _entries(settings: dict[str, Any]) -> list[str]:
+    """Where stages that are not the package's are found; each imports its module."""
+    stage = settings.get("features")
+    named = stage["name"] if isinstance(stage, dict) else "", settings.get("learner", "")
+    return [name for name in named if ":" in name]
+
+
+def _parted(
+    arrays: dict[str, NDArray[Any]],
+) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
+    """Arrays of a file: the method's, and those of the plant's emulator."""
+    own = {name: a for name, a in arrays.items() if not name.startswith(PREFIX)}
+    named = {name: a for name, a in arrays.items() if name.startswith(PREFIX)}
+    return own, {name.removeprefix(PREFIX): a for name, a in named.items()}
 
 
 def _factors(settings: dict[str, Any], name: str, plant: Plant) -> tuple[float, ...]:

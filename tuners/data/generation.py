@@ -20,10 +20,10 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from tuners.data import manifest, shards
-from tuners.data import workers as pool
 from tuners.data.folder import Folder, damage
 from tuners.data.manifest import Configuration, DatasetError, Manifest, Shard
 from tuners.features import Features
+from tuners.workers import WorkersError, results
 from yawrate_env import validation
 from yawrate_env.compiled import cores
 from yawrate_env.files import leftovers, replacing
@@ -114,13 +114,23 @@ def generate(
         if progress is not None:
             progress("simulating", done, episodes)
         work = partial(shards.made, found.configuration, home=home)
-        for shard, content in pool.results(work, missing, count, scheduler):
+        for shard, content in _made(work, missing, count, scheduler):
             with _explained(folder):
                 found = _with(found, shard, content, folder)
             done += shard.rows
             if progress is not None:
                 progress("simulating", done, episodes)
     return Folder(folder, plant)
+
+
+def _made(
+    work: Callable[[Shard], bytes], missing: list[Shard], count: int, scheduler: str | None
+) -> Iterator[tuple[Shard, bytes]]:
+    """Shards and their bytes; a worker's failure is that of the data set."""
+    try:
+        yield from results(work, missing, count, scheduler)
+    except WorkersError as error:
+        raise DatasetError(f"{error} A shard is a job.") from None
 
 
 def _check_features(recipe: Configuration) -> None:

@@ -10,19 +10,20 @@ from numpy.typing import NDArray
 
 from tuners.data.folder import Folder, check
 from tuners.data.manifest import DatasetError
-from tuners.tuner.against_bound import judge
+from tuners.trust.emulator import with_emulator
+from tuners.tuner.simulations import of_others, shown, simulating
 from tuners.tuner.stages import LEAST_USABLE, Recipe, Stages, coordinates_of, training_split
 from tuners.tuner.training import (
     CALIBRATION,
-    calibrate,
     check_calibration,
     confined,
+    finished,
     recipe_for,
+    rehearse,
 )
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.plant.entry import find
-from yawrate_env.plant.episodes import share_without_gains
 from yawrate_env.plant.parametrisation import Parametrisation
 from yawrate_env.plant.plant import Plant
 
@@ -74,11 +75,9 @@ def train(
     known = folder.recipe
     recipe = recipe or replace(recipe_for(known.plant), features=known.features)
     stages, training = fit(folder, name, recipe, seed, progress)
-    tuner = Tuner(known.plant, stages, training)
-    training["without_gains"] = share_without_gains(known.plant)
-    if calibration:
-        judge(tuner, seed)
-        calibrate(tuner, calibration, seed, progress)
+    with shown(known.plant, progress) as bars, simulating(known.plant, progress=bars) as plant:
+        tuner = finished(plant, stages, training, calibration, of_others(plant, bars))
+    tuner.plant = with_emulator(known.plant, tuner.plant.emulator)
     return tuner
 
 
@@ -105,6 +104,7 @@ def fit(
             f"{folder.path} holds the {found.set} set, which measures how good a tuner is: it "
             "must not train one. Generate the train set."
         )
+    rehearse(found.plant, recipe)
     check(folder, progress)
     part, coordinates = (
         training_split(len(folder), seed),

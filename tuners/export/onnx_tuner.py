@@ -167,6 +167,10 @@ def _learner(graph: Graph, learner: Learner, X: str) -> str:
             return _trees(graph, learner, X)
         case Agent():
             return _agent(graph, learner, X)
+    raise ValueError(
+        f"the tuner's learner is a {type(learner).__name__}, which no graph is written for. Export "
+        "one with a network or boosted trees, or use the tuner in Python."
+    )
 
 
 def _polynomial(graph: Graph, found: Polynomial | Trend, X: str) -> tuple[str, str]:

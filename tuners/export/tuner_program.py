@@ -15,6 +15,7 @@ from tuners.export.programs import program
 from tuners.learners import Learner
 from tuners.learners.actor import Agent
 from tuners.learners.feedforward import FeedForward
+from tuners.learners.gbm import GBM
 from tuners.learners.polynomial import Polynomial
 from tuners.learners.trend import Trend
 from yawrate_env.loop import controller
@@ -90,6 +91,11 @@ def _network(learner: Learner) -> dict[str, Any]:
         raise ValueError(
             "the tuner's agent cannot be written in C. Export its first stage alone with "
             "features=True (--features), or the whole tuner to target onnx."
+        )
+    if not isinstance(network, GBM):
+        raise ValueError(
+            f"the tuner's learner is a {type(network).__name__}, which cannot be written in C. "
+            "Export its first stage alone with features=True (--features)."
         )
     raise ValueError(
         "the tuner's boosted trees cannot be written in C: thousands of nodes each. Export its "

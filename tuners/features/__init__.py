@@ -4,8 +4,9 @@ Each module is one kind: prediction-error models, or least squares on an orthono
 Features depend on input, output and sampling time; plants and learners do not belong here.
 """
 
-from dataclasses import asdict
-from typing import Any, ClassVar, Protocol
+import json
+from dataclasses import asdict, is_dataclass
+from typing import Any, ClassVar, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from tuners.features.principal import PrincipalResponse
 from tuners.features.regularised import Regularised
 from tuners.features.response import FrequencyResponse
 from yawrate_env import validation
+from yawrate_env.plant import entry
 
 Array = NDArray[np.float64]
 
@@ -76,23 +78,69 @@ def with_measured(
 
 
 def features_named(name: str, **settings: Any) -> Features:
-    """A first stage by name; ``ValueError`` for unknown names and settings."""
-    validation.one_of("features", name, tuple(FEATURES))
+    """A first stage by name, or by ``module:attribute`` of its class.
+
+    ``ValueError`` for unknown names and settings.
+    """
+    kind = entry.attribute(name) if ":" in name else None
+    if kind is None:
+        kind = FEATURES[validation.one_of("features", name, tuple(FEATURES))]
     try:
-        found: Features = FEATURES[name](**settings)
+        found: Features = kind(**settings)
     except TypeError as error:
         raise ValueError(f"features {name!r}: {error}.") from None
     return found
 
 
 def check_features(stage: Any) -> None:
-    """``ValueError`` unless `stage` is a first stage."""
-    remedy = "Give one of " + ", ".join(kind.__name__ for kind in FEATURES.values()) + "."
-    if type(stage) not in FEATURES.values():
+    """``ValueError`` unless `stage` is a first stage that a file can name."""
+    if type(stage) in FEATURES.values():
+        return
+    remedy = (
+        "Give one of " + ", ".join(kind.__name__ for kind in FEATURES.values()) + ", or a "
+        "dataclass of your own that takes (u, y, Ts) (docs/plants.md)."
+    )
+    if not is_dataclass(stage) or isinstance(stage, type) or not callable(stage):
         raise ValueError(f"features = {stage!r} is no first stage. {remedy}")
+    if not isinstance(getattr(stage, "any_experiment", None), bool):
+        raise ValueError(
+            f"features = {stage!r} does not say whether it depends on the experiment. Give its "
+            "class any_experiment: ClassVar[bool] = False."
+        )
+    try:
+        json.dumps(settings_of(cast(Features, stage)))
+    except TypeError as error:
+        raise ValueError(f"features = {stage!r}: {error}. Its settings must be plain.") from None
+
+
+def rehearse(stage: Features, u: Array, y: Array, Ts: float) -> int:
+    """How many features a first stage gives; ``ValueError`` where it does not work.
+
+    Parameters
+    ----------
+    u : (1, N) float64
+        The experiment's input.
+    y : (B, N) float64
+        Outputs.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            values, usable = stage(u, y, Ts)
+    except Exception as error:
+        why = " ".join(str(error).split()).removesuffix(".")
+        raise ValueError(
+            f"features = {stage!r} fails on the experiment: {type(error).__name__}: {why}."
+        ) from error
+    if np.ndim(values) != 2 or len(values) != len(y) or np.shape(usable) != (len(y),):
+        raise ValueError(
+            f"features = {stage!r} gives shapes {np.shape(values)} and {np.shape(usable)} for "
+            f"{len(y)} recordings. Give features (B, n), and where they are usable (B,)."
+        )
+    return int(np.shape(values)[1])
 
 
 def settings_of(stage: Features) -> dict[str, Any]:
     """Name and settings: what `features_named` takes, as plain JSON values."""
     names = {kind: name for name, kind in FEATURES.items()}
-    return {"name": names[type(stage)], **asdict(stage)}  # type: ignore[call-overload]
+    name = names.get(type(stage)) or entry.of(type(stage), "features")
+    return {"name": name, **asdict(stage)}  # type: ignore[call-overload]

@@ -10,3 +10,9 @@ Batches = Iterable[tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 Progress = Callable[[int, int], None]
 """Called with how far the training is, and how far it goes."""
+
+
+def gathered(batches: Batches) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Features (m, n) and targets (m, t) of all batches, for learners that need them at once."""
+    X, T = zip(*batches, strict=True)
+    return np.concatenate(X), np.concatenate(T)

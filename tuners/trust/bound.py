@@ -76,7 +76,7 @@ def _whitened(plant: Plant, theta: Array, slopes: Array) -> Array:
     N = slopes.shape[2]
     impulse = np.zeros(N)
     impulse[0] = 1.0
-    response = impulse - plant.respond(theta, impulse)
+    response = impulse - plant.emulated(impulse).respond(theta, impulse)
     magnitude = np.abs(np.fft.rfft(response, 2 * N))
     least = _SMALLEST * magnitude.max(axis=1, keepdims=True)
     divided = np.fft.rfft(slopes, 2 * N) / np.maximum(magnitude, least)[:, None]

@@ -150,7 +150,8 @@ class Findings:
 @lru_cache(maxsize=8)
 def _sign(plant: Plant) -> float:
     """Of the plant's gain: how the output in mid-prior follows a step."""
-    return float(np.sign(plant.respond(plant.middle, np.ones(len(plant.u)))[0].mean()))
+    step = np.ones(len(plant.u))
+    return float(np.sign(plant.emulated(step).respond(plant.middle, step)[0].mean()))
 
 
 def implausible(plant: Plant, u: Array, y: Array) -> Array:

@@ -119,10 +119,12 @@ def search(plant: Plant, u: Array, y: Array, start: Array) -> Identified:
     """Find a plant anywhere within its search limits.
 
     With exact slopes one start is enough, as is the end of the search for a linear model's
-    parameters; without them several starts within the prior come first.
+    parameters, or with an emulator; without them several starts within the prior come first.
     """
-    if plant.linear_model is not None:
-        rough = search(plant.linear_model, u, y, start).theta
+    emulated = plant.emulated(u)
+    rougher = plant.linear_model if emulated is plant else emulated
+    if rougher is not None:
+        rough = search(rougher, u, y, start).theta
         begin = np.clip(rough, *plant.limits)
         begin[:, plant.known] = start[:, plant.known]
     elif plant.sensitivity is not None:

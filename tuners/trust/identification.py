@@ -153,10 +153,14 @@ def identify(
 
 
 def output_slopes(plant: Plant, theta: Array, u: Array | None = None) -> Array:
-    """Derivatives of stacked outputs to the unknown parameters in their widths, (B, q, N)."""
+    """Derivatives of stacked outputs to the unknown parameters in their widths, (B, q, N).
+
+    Of a slow plant they are its emulator's, where that knows the input.
+    """
     sides = 2 * len(plant.unknown)
     own = u is not None and u.ndim > plant.u.ndim and len(u) > 1
     tiled = np.tile(u, (sides, *(1,) * plant.u.ndim)) if own and u is not None else u
+    plant = plant.emulated(u)
     return central(plant, theta, lambda t: plant.answers(t, tiled)).swapaxes(1, 2)
 
 

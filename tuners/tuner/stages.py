@@ -15,7 +15,7 @@ from tuners.features import (
     with_measured,
 )
 from tuners.features.response import FrequencyResponse
-from tuners.learners import LEARNERS, Learner, Settings
+from tuners.learners import Learner, Settings, learner_named, name_of, settings_for
 from tuners.tuner.method import Gains, Rung
 from tuners.tuner.recording import Recording
 from yawrate_env import validation
@@ -39,10 +39,10 @@ class Recipe:
 
     Attributes
     ----------
-    features : Armax, Laguerre, Regularised or FrequencyResponse
-        First stage.
-    learner : GBMSettings, FeedForwardSettings, PolynomialSettings or TrendSettings
-        Second stage.
+    features : Features
+        First stage: one of `tuners.features`, or a dataclass of one's own.
+    learner : Settings
+        Second stage: one of `tuners.learners`, a regressor of scikit-learn, or one's own.
     parametrisation : {"plant", "gains"}
         What is predicted: the plant's coordinates, or the gains themselves.
     noise_draws : int
@@ -72,6 +72,7 @@ class Recipe:
                 f"components = {self.components}: features = {self.features!r} have none. Give a "
                 "FrequencyResponse, or leave components out."
             )
+        object.__setattr__(self, "learner", settings_for(self.learner))
 
 
 def coordinates_of(plant: Plant, parametrisation: str) -> Parametrisation:
@@ -85,9 +86,9 @@ class Stages:
 
     Attributes
     ----------
-    features : Armax, Laguerre, Regularised, FrequencyResponse or PrincipalResponse
+    features : Features
         First stage.
-    learner : FeedForward, GBM, Polynomial, Trend or Agent
+    learner : Learner
         Second stage.
     parametrisation : {"plant", "gains"}
         What the learner predicts.
@@ -150,10 +151,9 @@ class Stages:
 
     def settings(self) -> dict[str, Any]:
         """What to save beside the learner's arrays, as plain JSON values."""
-        kinds = {kind: name for name, kind in LEARNERS.items()}
         return {
             "features": settings_of(self.features),
-            "learner": kinds[type(self.learner)],
+            "learner": name_of(self.learner),
             "parametrisation": self.parametrisation,
         }
 
@@ -165,11 +165,10 @@ class Stages:
     def from_file(cls, settings: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Self:
         """Rebuild from what was saved, or ``ValueError`` where the stages do not go together."""
         features = features_named(**settings["features"])
-        learner = LEARNERS[settings["learner"]].from_arrays(arrays)
-        if features.width > learner.width:
-            raise ValueError(
-                f"{features.width} features are more than the learner's {learner.width}."
-            )
+        learner = learner_named(settings["learner"], arrays)
+        width = getattr(features, "width", 0)  # a stage of one's own need not say
+        if width > learner.width:
+            raise ValueError(f"{width} features are more than the learner's {learner.width}.")
         return cls(
             features,
             learner,

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners import features, learners
 from tuners.features import Features, features_named
 from tuners.features.laguerre import Laguerre
 from tuners.features.principal import principal
@@ -21,14 +22,24 @@ from tuners.trust.black_box import (
     suited_to_any_input,
 )
 from tuners.trust.checks import Assessment
+from tuners.trust.emulator import BEYOND, NODES, OF_STEPS, OutputEmulator
 from tuners.trust.intervals import conformal
+from tuners.tuner.against_bound import EPISODES, judge
 from tuners.tuner.examples import Examples, examples
 from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Recipe, Stages, coordinates_of, train_stages
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.plant.calls import call
-from yawrate_env.plant.episodes import Draw, Episodes, episodes, integers_of
+from yawrate_env.plant.episodes import (
+    Draw,
+    Episodes,
+    drawn,
+    episodes,
+    integers_of,
+    prior_gains,
+    share_without_gains,
+)
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.streams import stream
 
@@ -45,6 +56,7 @@ LEAST_CALIBRATION = 50
 CALIBRATION = 500
 """Episodes that calibrate the intervals by default."""
 
+_TO_FIT = 5  # simulations, about, of a plant to a recording with the help of an emulator
 _DOUBTED = 32  # episodes of one doubtful plant
 _MEASURED = 0.05  # of its value: by how much a measured parameter is off
 _BAND = 0.2, 4.0  # of the crossover: frequencies whose response is a feature
@@ -53,8 +65,18 @@ _BAND = 0.2, 4.0  # of the crossover: frequencies whose response is a feature
 def recipe_for(plant: Plant) -> Recipe:
     """Features that suit the plant, a small network, fresh noise; more plants for more inputs."""
     learner = FeedForwardSettings(neurons=16, max_fail=10, epochs=300)
-    count = 1000 if plant.excite is None else 2000
-    return Recipe(features_for(plant), learner, noise_draws=6, episodes=count)
+    return Recipe(features_for(plant), learner, noise_draws=6, episodes=plants_for(plant))
+
+
+def plants_for(plant: Plant) -> int:
+    """How many plants `recipe_for` simulates."""
+    return 1000 if plant.excite is None else 2000
+
+
+def expected(plant: Plant, count: int, calibration: int) -> int:
+    """How many simulations the training of a slow plant takes, about."""
+    judged = max(calibration, EPISODES) if calibration else 0
+    return count + BEYOND + (OF_STEPS if plant.linear else 0) + judged * (1 + _TO_FIT)
 
 
 def recipe_for_logs(plant: Plant) -> Recipe:
@@ -138,6 +160,7 @@ def fit(
     dict
         How they were trained, for the record.
     """
+    rehearse(plant, recipe)
     count = recipe.episodes if count is None else count
     count = validation.count("episodes", count, at_least=LEAST_PLANTS, remedy="Simulate more.")
     seed = validation.count("seed", seed, at_least=0)
@@ -172,6 +195,43 @@ def fit(
         "seed": seed,
         "set": "train",
     }
+
+
+def rehearse(plant: Plant, recipe: Recipe) -> None:
+    """``ValueError`` where stages do not work, or could not be saved, before any work."""
+    theta = np.repeat(plant.middle, 2, axis=0)
+    width = features.rehearse(recipe.features, plant.u[None], plant.respond(theta), plant.Ts)
+    coordinates = coordinates_of(plant, recipe.parametrisation)
+    targets = coordinates.encode(prior_gains(plant)[:1]).shape[1]
+    learners.rehearse(recipe.learner, width + len(plant.measured_names), targets)
+
+
+def finished(
+    plant: Plant,
+    stages: Stages,
+    training: dict[str, Any],
+    calibration: int,
+    progress: Progress | None = None,
+) -> Tuner:
+    """A tuner of trained stages: judged and calibrated, and with an emulator of a slow plant.
+
+    Parameters
+    ----------
+    training : dict
+        How the stages were trained, which the record keeps and goes on with.
+    calibration : int
+        Episodes that calibrate the intervals; 0 leaves those of a normal error.
+    """
+    seed = training["seed"]
+    if plant.slow and plant.emulator is None:
+        nodes = drawn(plant, "train", seed, min(training["episodes"], NODES))
+        plant = plant.with_simulator(plant.simulate, OutputEmulator.of(plant, nodes))
+    tuner = Tuner(plant, stages, training)
+    training["without_gains"] = share_without_gains(plant)
+    if calibration:
+        judge(tuner, seed)
+        calibrate(tuner, calibration, seed, progress)
+    return tuner
 
 
 def check_calibration(episodes: int) -> None:

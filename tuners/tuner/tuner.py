@@ -396,12 +396,12 @@ class Tuner:
     @cached_property
     def _left_over(self) -> float:
         """Share of the outputs that the reference model cannot explain, of a nonlinear plant."""
-        return 0.0 if self.plant.linear else left_over(self.plant, self.black_box)
+        return 0.0 if self.plant.linear else left_over(self.plant.emulated(), self.black_box)
 
     @cached_property
     def black_box(self) -> Laguerre:
         """Laguerre basis of the reference model."""
-        return functions_for(self.plant)
+        return functions_for(self.plant.emulated())
 
     def _excited(self, recording: Recording, found: Gains) -> Gains:
         """Discard gains from recordings without excitation, for methods that need it."""
@@ -426,7 +426,7 @@ class Tuner:
         held = (np.flatnonzero(np.diff(row, prepend=np.nan, append=np.nan))
                 for row in np.atleast_2d(u))  # fmt: skip
         longest = max(np.diff(turns).max(initial=1) for turns in held) * self.plant.Ts
-        y = self.plant.respond(self.plant.middle)[0]
+        y = self.plant.emulated().respond(self.plant.middle)[0]
         return np.abs(u).max(axis=-1), np.ptp(y, axis=-1), longest
 
     def known(self, theta: Array) -> NDArray[np.bool_]:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.trust.emulator import PREFIX
 from yawrate_env.files import replacing
 from yawrate_env.plant import entry, fingerprint
 from yawrate_env.plant.plant import Plant
@@ -130,7 +131,9 @@ def save(
         "arguments": dict(plant.arguments),
         "fingerprint": fingerprint.fingerprint(plant),
     }
-    write(path, {"plant": described, **settings}, arrays)
+    emulator = {} if plant.emulator is None else plant.emulator.arrays()
+    saved = {**arrays, **{f"{PREFIX}{key}": array for key, array in emulator.items()}}
+    write(path, {"plant": described, **settings}, saved)
 
 
 def plant_of(

@@ -36,6 +36,8 @@ def checked(given: Mapping[str, Any]) -> dict[str, Any]:
     _check_initial(plant)
     if plant["integrating"] and not plant["linear"]:
         raise ValueError("integrating is for plants that are linear. Set linear, or leave it out.")
+    if plant["slow"] and plant["record"] is not None:
+        raise ValueError("slow: a plant with record simulates quickly. Leave out one of the two.")
     plant["synonyms"] = _mapping("synonyms", plant["synonyms"], _texts, roles)
     plant["metrics"] = _metrics(plant["metrics"], plant["gains"], plant["evaluate"] is not None)
     if plant["crossover"] is not None:
@@ -248,6 +250,7 @@ _SETTINGS: dict[str, Check] = {
     "integrating": validation.flag,
     "in_loop": validation.flag,
     "batched": validation.flag,
+    "slow": validation.flag,
     "input": partial(validation.one_of, choices=HOLDS),
     "plausible": partial(_pair, example="(1.0, 20.0)", first=_largest, second=_largest),
     "controller": partial(validation.instance, kind=str, remedy="Give its name."),

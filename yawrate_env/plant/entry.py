@@ -50,14 +50,7 @@ def find(
     """
     if isinstance(entry, Plant):
         return entry
-    name, colon, attribute = str(entry).partition(":")
-    if not colon or not all(part.isidentifier() for part in (*name.split("."), attribute)):
-        raise ValueError(
-            f"entry = {entry!r} is no entry point. "
-            'Write it as "module:attribute", for example "my_plant:plant".'
-        )
-    _put_on_path(name.partition(".")[0], folder)
-    found = _resolved(entry, name)
+    found = attribute(entry, folder)
     if callable(found) and not isinstance(found, Plant):
         _check_gives_plant(entry, found)
         found = call(entry, lambda: found(**arguments))
@@ -66,6 +59,32 @@ def find(
     if not isinstance(found, Plant):
         raise ValueError(f"entry = {entry!r} is a {type(found).__name__}. Name a Plant.")
     return found if found.entry == entry else with_entry(found, entry, arguments)
+
+
+def attribute(entry: str, folder: Path | None = None) -> Any:
+    """Import what is at an entry point; modules in `folder` are found too."""
+    name, colon, last = str(entry).partition(":")
+    if not colon or not all(part.isidentifier() for part in (*name.split("."), last)):
+        raise ValueError(
+            f"entry = {entry!r} is no entry point. "
+            'Write it as "module:attribute", for example "my_plant:plant".'
+        )
+    _put_on_path(name.partition(".")[0], folder)
+    return _resolved(entry, name)
+
+
+def of(thing: Any, what: str) -> str:
+    """Entry point of a class or a function; ``ValueError`` where it could not be found again."""
+    name = f"{getattr(thing, '__module__', '')}:{getattr(thing, '__qualname__', '')}"
+    found = None
+    if not name.startswith("__main__:") and name.partition(":")[2].isidentifier():
+        found = getattr(sys.modules.get(name.partition(":")[0]), name.partition(":")[2], None)
+    if found is not thing:
+        raise ValueError(
+            f"{what} = {thing!r} could not be found again when a tuner is loaded. Define it at the "
+            "top of a module that can be imported."
+        )
+    return name
 
 
 def with_entry(plant: Plant, entry: str, arguments: Mapping[str, Any] = _NONE) -> Plant:

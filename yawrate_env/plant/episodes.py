@@ -202,17 +202,30 @@ def blocks(
     tag, stop = SETS[validation.one_of("set of episodes", name, tuple(SETS))], first + count
     ranges = ranges_of(plant, name)
     for start in range(first - first % BLOCK, stop, BLOCK):
-        integers = stream((tag, seed), start, BLOCK, integers_of(plant))
         root = (tag, seed, repeat) if repeat else (tag, seed)
-        if repeat:
-            integers[:, -KEY_WORDS:] = stream(root, start, BLOCK, integers_of(plant))[
-                :, -KEY_WORDS:
-            ]
+        draw = _draw(plant, tag, seed, start, repeat, ranges)
         rng = np.random.default_rng(np.random.SeedSequence(root, spawn_key=(start, 1)))
-        draw = Draw.of(plant, integers, ranges)
         y = plant.measure(draw.theta, draw.u, draw.keys, rng)
         number = np.arange(start, start + BLOCK)
         yield Episodes(number, draw.theta, draw.u, y), slice(max(first - start, 0), stop - start)
+
+
+def _draw(
+    plant: Plant, tag: int, seed: int, start: int, repeat: int, ranges: tuple[Array, Array]
+) -> Draw:
+    """One block's experiments."""
+    integers = stream((tag, seed), start, BLOCK, integers_of(plant))
+    if repeat:
+        fresh = stream((tag, seed, repeat), start, BLOCK, integers_of(plant))
+        integers[:, -KEY_WORDS:] = fresh[:, -KEY_WORDS:]
+    return Draw.of(plant, integers, ranges)
+
+
+def drawn(plant: Plant, name: str, seed: int, count: int) -> Array:
+    """Parameters (count, p) of the first episodes of a set, which are not simulated."""
+    tag, ranges = SETS[validation.one_of("set of episodes", name, tuple(SETS))], plant.ranges
+    blocks = (_draw(plant, tag, seed, start, 0, ranges) for start in range(0, count, BLOCK))
+    return np.concatenate([block.theta for block in blocks])[:count]
 
 
 def part(block: Episodes, asked: slice) -> Episodes:

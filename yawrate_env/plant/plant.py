@@ -5,6 +5,7 @@ loop.  `docs/plants.md` says what each function must do.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import InitVar, dataclass, field, fields
 from typing import Any
 
@@ -18,6 +19,7 @@ from yawrate_env.plant.calls import call, rows
 from yawrate_env.plant.channels import Channels, Names, Noise
 from yawrate_env.plant.checks import check_experiment, checked
 from yawrate_env.plant.distributions import Range, Spread
+from yawrate_env.plant.emulator import Emulator
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import MARGINS, split
 from yawrate_env.plant.parameters import Parameters
@@ -116,6 +118,10 @@ class Plant(Parameters, Channels):
         mean wrong units.
     batched : bool
         Whether the functions take B plants at once, or ``(p,)`` and ``(k,)`` of one.
+    slow : bool
+        Whether one simulation takes so long that their number matters, as from 10 ms on: training
+        then runs them one by one in processes, keeps them, and fits plants with the help of an
+        emulator (`tuners.tuner.simulations`).
     input : {"held", "lines"}
         Whether the inputs of recordings keep a sample's value until the next, as a digital
         output does, or are joined by lines.  The simulator's own input is held.
@@ -191,6 +197,9 @@ class Plant(Parameters, Channels):
     black_box : tuple, optional
         Order and pole [rad/s] of the Laguerre basis of the reference model; chosen
         automatically if omitted.
+    emulator : Emulator, optional
+        What stands for the simulator of a slow plant where only its slopes are needed, or where
+        a search begins; training makes it.
     check : bool
         False leaves out the trial call of each function, and the demand that something can be
         learned from the experiment.
@@ -220,6 +229,7 @@ class Plant(Parameters, Channels):
     crossover: float | None = None
     plausible: tuple[float, float] = (np.inf, np.inf)
     batched: bool = True
+    slow: bool = False
     input: str = "held"
     signals: tuple[str, str] = ("u", "y")
     labels: Mapping[str, str] = field(default_factory=dict)
@@ -244,6 +254,7 @@ class Plant(Parameters, Channels):
     display: tuple[tuple[str, float], tuple[str, float]] | None = None
     command_limits: Range | None = None
     black_box: tuple[int, float] | None = None
+    emulator: Emulator | None = None
     check: InitVar[bool] = True
     counted: tuple[str, ...] = field(init=False)
     _counted: list[int] = field(init=False, repr=False)
@@ -281,6 +292,26 @@ class Plant(Parameters, Channels):
     def answers(self, theta: Array, u: Array | None = None) -> Array:
         """What `respond` gives, stacked."""
         return self.stacked(self.respond(theta, u))
+
+    def with_simulator(self, simulate: Any, emulator: Emulator | None = None) -> "Plant":
+        """The same plant with another way to simulate it, which is not tried."""
+        other = copy(self)
+        object.__setattr__(other, "simulate", simulate)
+        object.__setattr__(other, "emulator", emulator)
+        return other
+
+    def emulated(self, u: Array | None = None) -> "Plant":
+        """The plant with its emulator for a simulator, where that knows the input; or itself.
+
+        Parameters
+        ----------
+        u : (N,), (1, N) or (B, N) float64, optional
+            Inputs, if not the experiment's.
+        """
+        given = np.atleast_2d(self.u if u is None else u)
+        if self.emulator is None or not self.emulator.knows(given):
+            return self
+        return self.with_simulator(self.emulator)
 
     def inputs(self, integers: Integers) -> Array:
         """Inputs of B experiments, (1, N) or (B, N), from a random integer each."""
@@ -430,4 +461,7 @@ class Plant(Parameters, Channels):
         width: int | tuple[int, ...],
         *arrays: Array,
     ) -> tuple[Array, Flags | None]:
-        return rows(name, function, width, self.batched, *arrays, names=tuple(self.prior))
+        batched = self.batched
+        if name == "simulate":
+            batched = getattr(self.simulate, "batched", batched)
+        return rows(name, function, width, batched, *arrays, names=tuple(self.prior))

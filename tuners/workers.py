@@ -15,12 +15,11 @@ from itertools import islice
 from threading import Thread
 from typing import TYPE_CHECKING, TypeVar
 
-from tuners.data.manifest import DatasetError
-
 if TYPE_CHECKING:
     from distributed import Client
 
 Job = TypeVar("Job")
+Result = TypeVar("Result")
 Size = Callable[[], int]
 
 LOCAL = "local"
@@ -30,10 +29,53 @@ _SECONDS = 30  # to reach a scheduler, and for a first worker to appear
 _ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL")}
 
 
+class WorkersError(ValueError):
+    """Workers that cannot be reached, or that died."""
+
+
+class Pool:
+    """Does jobs in this process, or through an executor.
+
+    Parameters
+    ----------
+    executor : Executor, optional
+        Does them in this process if omitted.
+    size : callable
+        How many jobs the executor does at a time.
+    """
+
+    def __init__(self, executor: Executor | None = None, size: Size = lambda: 1) -> None:
+        self._executor, self._size = executor, size
+
+    def results(
+        self, work: Callable[[Job], Result], jobs: Iterator[Job]
+    ) -> Iterator[tuple[Job, Result]]:
+        """Do `jobs`, each as ``work(job)``; pairs of job and result, in any order."""
+        if self._executor is None:
+            yield from ((job, work(job)) for job in jobs)
+            return
+        running: dict[Future[Result], Job] = {}
+        while True:
+            some = islice(jobs, max(2 * self._size() - len(running), 0))
+            running |= {self._executor.submit(work, job): job for job in some}
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+
+
 def results(
-    work: Callable[[Job], bytes], jobs: Sequence[Job], workers: int, scheduler: str | None
-) -> Iterator[tuple[Job, bytes]]:
-    """Do `jobs`, each as ``work(job)``.
+    work: Callable[[Job], Result], jobs: Sequence[Job], workers: int, scheduler: str | None
+) -> Iterator[tuple[Job, Result]]:
+    """Do `jobs`, each as ``work(job)``, in a `pool` of their own, no larger than they need."""
+    if jobs:
+        with pool(min(workers, len(jobs)), scheduler) as some:
+            yield from some.results(work, iter(jobs))
+
+
+@contextmanager
+def pool(workers: int, scheduler: str | None) -> Iterator[Pool]:
+    """Workers, until they are no longer needed.
 
     Parameters
     ----------
@@ -41,20 +83,17 @@ def results(
         Processes on this machine; 1 is this one, with all its threads.
     scheduler : str, optional
         Address of a Dask scheduler, ``"tcp://host:8786"``, or `LOCAL`.
+
+    Raises
+    ------
+    WorkersError
+        The scheduler cannot be used, or a worker died.
     """
-    if not jobs or (scheduler is None and min(workers, len(jobs)) == 1):
-        yield from ((job, work(job)) for job in jobs)
+    if scheduler is None and workers == 1:
+        yield Pool()
         return
-    with _executor(min(workers, len(jobs)), scheduler) as (executor, size):
-        waiting = iter(jobs)
-        running: dict[Future[bytes], Job] = {}
-        while True:
-            some = islice(waiting, max(2 * size() - len(running), 0))
-            running |= {executor.submit(work, job): job for job in some}
-            if not running:
-                return
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                yield running.pop(future), future.result()
+    with _executor(workers, scheduler) as (executor, size):
+        yield Pool(executor, size)
 
 
 @contextmanager
@@ -72,8 +111,8 @@ def _executor(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, S
         ) as pool:
             yield pool, lambda: workers
     except BrokenExecutor:
-        raise DatasetError(
-            "A worker died, perhaps for want of memory. Choose fewer workers or smaller shards; "
+        raise WorkersError(
+            "A worker died, perhaps for want of memory. Choose fewer workers, or smaller jobs; "
             "what is finished stays."
         ) from None
 
@@ -100,7 +139,7 @@ def _cluster(workers: int, scheduler: str) -> Iterator[tuple[Executor, Size]]:
             client = Client(scheduler, timeout=_SECONDS)
             client.wait_for_workers(1, timeout=_SECONDS)
     except (OSError, ValueError, TimeoutError) as error:
-        raise DatasetError(
+        raise WorkersError(
             f"scheduler {scheduler!r} cannot be used: {error}. Start `dask scheduler` and at "
             "least one `dask worker`, with this package installed, and name its tcp:// address."
         ) from None
@@ -109,14 +148,14 @@ def _cluster(workers: int, scheduler: str) -> Iterator[tuple[Executor, Size]]:
             _check_installed(client)
             yield client.get_executor(pure=False), lambda: max(sum(client.nthreads().values()), 1)
     except KilledWorker as error:
-        raise DatasetError(
-            f"One shard brought down several workers, perhaps for want of memory: {error}. "
-            "Choose smaller shards; what is finished stays."
+        raise WorkersError(
+            f"One job brought down several workers, perhaps for want of memory: {error}. "
+            "Choose smaller jobs; what is finished stays."
         ) from None
 
 
 def _check_installed(client: "Client") -> None:
-    """`DatasetError` where this package is missing: a worker would die of its job silently."""
+    """`WorkersError` where this package is missing: a worker would die of its job silently."""
 
     def has_it() -> bool:  # pickled by value, being local
         return find_spec("tuners") is not None
@@ -124,6 +163,6 @@ def _check_installed(client: "Client") -> None:
     found = {"the scheduler": client.run_on_scheduler(has_it), **client.run(has_it)}
     missing = [who for who, has in found.items() if not has]
     if missing:
-        raise DatasetError(
+        raise WorkersError(
             f"This package is not installed where {', '.join(missing)} runs. Install it there."
         )

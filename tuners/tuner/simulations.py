@@ -1,0 +1,269 @@
+"""Simulations of a slow plant: one plant a call, in processes or on a cluster, kept in a file.
+
+Every answer is kept under its parameters and its input.  What is asked for twice is simulated
+once, and a training that was killed finds what it had when it is called again: it takes the same
+steps and ends with the same tuner.  Answers do not depend on who simulated them, nor on how many.
+"""
+
+import os
+import sqlite3
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import lru_cache, partial
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuners.workers import Pool, pool
+from yawrate_env.compiled import cores
+from yawrate_env.plant import entry
+from yawrate_env.plant.calls import one_line
+from yawrate_env.plant.fingerprint import changed, fingerprint
+from yawrate_env.plant.plant import Plant
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+Job = tuple[bytes, bytes, Array, Array, Any]
+
+STAGE = "simulating"
+"""Name of the stage that reports count simulations under."""
+
+
+class Simulations:
+    """A simulator of many plants that calls a slow one's for each that it does not know yet.
+
+    Parameters
+    ----------
+    plant : Plant
+        The slow one.
+    work : callable
+        Simulates one job: output (N,), and whether it used the random generator.
+    workers : Pool
+        Who does the work.
+    store : Store
+        What is simulated already.
+    report : callable
+        Called with the number of simulations so far, and at the end of the present call.
+    """
+
+    batched = True
+
+    def __init__(
+        self,
+        work: Callable[[Job], tuple[Array, bool]],
+        workers: Pool,
+        store: "Store",
+        report: Callable[[int, int], None],
+    ) -> None:
+        self._work, self._pool, self._store, self._report = work, workers, store, report
+
+    def __call__(self, theta: Array, u: Array, rng: Any = None) -> Array:
+        """Outputs (B, N) of plants (B, p) for an input (N,), or (B, N)."""
+        rngs = [None] * len(theta) if rng is None else rng.spawn(len(theta))
+        inputs = np.atleast_2d(u)
+        jobs = [_job(theta[i], inputs[i % len(inputs)], each) for i, each in enumerate(rngs)]
+        missing = {job[1]: job for job in jobs if self._known(job) is None}
+        end = len(self._store) + len(missing)
+        for job, (y, random) in self._pool.results(self._work, iter(missing.values())):
+            self._store.put(job[1] if random else job[0], y)
+            self._report(len(self._store), end)
+        return np.array([self._known(job) for job in jobs])
+
+    def _known(self, job: Job) -> Array | None:
+        """The output, if it was simulated before: with these random numbers, or without any."""
+        found = self._store.get(job[0])
+        return self._store.get(job[1]) if found is None else found
+
+
+def _job(theta: Array, u: Array, rng: Any) -> Job:
+    """A plant to simulate, after its keys: without, and with, its random numbers."""
+    key = blake2b(theta.tobytes(), digest_size=16)
+    key.update(u.tobytes())
+    with_random = key.copy()
+    if rng is not None:
+        with_random.update(repr(rng.bit_generator.state).encode())
+    return key.digest(), with_random.digest(), theta, u, rng
+
+
+class Store:
+    """Outputs by their keys in an SQLite file, which survives that its process is killed.
+
+    Parameters
+    ----------
+    path : path, optional
+        The file; a temporary one if omitted.
+    plant : Plant
+        Whose outputs they are; ``ValueError`` where the file holds another's.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None, plant: Plant) -> None:
+        self._path = path
+        try:
+            self._db = sqlite3.connect(path or "", isolation_level=None, timeout=1.0)
+            self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
+            self._db.execute("PRAGMA synchronous = OFF")  # a crash of the system may cost the file
+            self._db.execute("CREATE TABLE IF NOT EXISTS plants (fingerprint TEXT)")
+            self._db.execute(
+                "CREATE TABLE IF NOT EXISTS outputs (key BLOB PRIMARY KEY, y BLOB) WITHOUT ROWID"
+            )
+            (self._count,) = self._db.execute("SELECT COUNT(*) FROM outputs").fetchone()
+        except sqlite3.Error as error:
+            raise ValueError(
+                f"checkpoint = {os.fsdecode(path or '')!r} cannot be used: {error}. Name a new "
+                "file, or the one of the same training when it no longer runs."
+            ) from None
+        if path is not None:
+            self._check(plant)
+
+    def __len__(self) -> int:
+        return int(self._count)
+
+    def get(self, key: bytes) -> Array | None:
+        """The output (N,) with this key, or None."""
+        row = self._db.execute("SELECT y FROM outputs WHERE key = ?", (key,)).fetchone()
+        return None if row is None else np.frombuffer(row[0])
+
+    def put(self, key: bytes, y: Array) -> None:
+        """Keep an output (N,)."""
+        self._db.execute("INSERT OR REPLACE INTO outputs VALUES (?, ?)", (key, y.tobytes()))
+        self._count += 1
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+    def _check(self, plant: Plant) -> None:
+        """``ValueError`` for a file of another plant; a new file becomes this plant's."""
+        import json
+
+        row = self._db.execute("SELECT fingerprint FROM plants").fetchone()
+        if row is None:
+            now = json.dumps(fingerprint(plant))
+            self._db.execute("INSERT INTO plants VALUES (?)", (now,))
+        elif other := changed(plant, json.loads(row[0])):
+            raise ValueError(
+                f"checkpoint = {os.fsdecode(self._path or '')!r} is of another plant: since then "
+                f"its {other} changed. Delete it, or name another file."
+            )
+
+
+@contextmanager
+def simulating(
+    plant: Plant,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+    expected: int = 0,
+) -> Iterator[Plant]:
+    """A slow plant whose simulations run in processes and are kept; any other as it is.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Processes; all cores if omitted.
+    scheduler : str, optional
+        Address of a Dask scheduler, or ``"local"`` for a cluster of `workers` processes.
+    checkpoint : path, optional
+        Where simulations are kept, to go on after an interruption; a temporary file if omitted.
+    progress : callable, optional
+        Called with `STAGE`, how many simulations are done, and of how many.
+    expected : int
+        How many it will be, about.
+
+    Raises
+    ------
+    ValueError
+        The plant is not slow, and one of the other arguments is given; or the checkpoint cannot
+        be used.
+    """
+    if not plant.slow:
+        given = {"workers": workers, "scheduler": scheduler, "checkpoint": checkpoint}
+        for name, value in given.items():
+            if value is not None:
+                raise ValueError(
+                    f"{name} = {value!r} is for plants whose simulations take long. Describe the "
+                    "plant with slow=True, or leave it out."
+                )
+        yield plant
+        return
+    count = cores() if workers is None else workers
+    store = Store(checkpoint, plant)
+
+    def report(done: int, end: int) -> None:
+        if progress is not None:
+            progress(STAGE, done, max(expected, end))
+
+    try:
+        with pool(count, scheduler) as some:
+            alone = scheduler is None and count == 1
+            work = partial(_alone, plant.simulate, plant.batched) if alone else _sent(plant)
+            yield plant.with_simulator(Simulations(work, some, store, report))
+    finally:
+        store.close()
+
+
+@contextmanager
+def shown(plant: Plant, progress: Progress | None) -> Iterator[Progress | None]:
+    """How a training reports: as it is asked to, of a slow plant by bars if it is not asked."""
+    if progress is not None or not plant.slow:
+        yield progress
+        return
+    from tuners.progress import Bars
+
+    with Bars() as bars:
+        yield bars
+
+
+def of_others(plant: Plant, progress: Progress | None) -> Progress | None:
+    """The same for stages that simulate nothing: of a slow plant its simulations are counted."""
+    if progress is None or not plant.slow:
+        return progress
+    silent = STAGE, "calibrating"
+    return lambda what, done, of: None if what in silent else progress(what, done, of)
+
+
+def _sent(plant: Plant) -> Callable[[Job], tuple[Array, bool]]:
+    """What other processes do: the simulator is pickled, by value where no module has it."""
+    import cloudpickle
+
+    return partial(_unpacked, cloudpickle.dumps(plant.simulate), plant.batched, _places(plant))
+
+
+def _places(plant: Plant) -> tuple[str, ...]:
+    """Folders in which workers find the plant's module."""
+    home = entry.home(plant) if plant.entry else None
+    return () if home is None else (str(home),)
+
+
+def _unpacked(
+    simulate: bytes, batched: bool, places: tuple[str, ...], job: Job
+) -> tuple[Array, bool]:
+    return _alone(_function(simulate, places), batched, job)
+
+
+@lru_cache(maxsize=8)
+def _function(simulate: bytes, places: tuple[str, ...]) -> Callable[..., Any]:
+    import pickle
+
+    sys.path[:0] = [place for place in places if place not in sys.path]
+    function: Callable[..., Any] = pickle.loads(simulate)
+    return function
+
+
+def _alone(simulate: Callable[..., Any], batched: bool, job: Job) -> tuple[Array, bool]:
+    """The output of one plant, and whether its random numbers were used."""
+    *_, theta, u, rng = job
+    before = None if rng is None else repr(rng.bit_generator.state)
+    try:
+        given = theta[None] if batched else theta
+        y = np.asarray(simulate(given.copy(), u.copy(), rng), dtype=np.float64)
+    except Exception as error:  # an author's own type may not reach another process
+        raise RuntimeError(one_line(error)) from None
+    shape = (1, len(u)) if batched else (len(u),)
+    if y.shape != shape:
+        raise RuntimeError(f"its answer has shape {y.shape}, not {shape}")
+    return y.reshape(len(u)), rng is not None and repr(rng.bit_generator.state) != before
