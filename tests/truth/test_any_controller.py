@@ -12,6 +12,7 @@ from yawrate_env.loop.discretisation import zoh
 from yawrate_env.loop.margins import TransferFunction, margins
 from yawrate_env.loop.shaping import lqr
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.control_loop import ControlLoop
 
 TS, DELAY = 0.1, 2
 A, B, C = np.array([[-1.0, 1.0], [0.0, -3.0]]), np.array([0.0, 6.0]), np.array([1.0, 0.0])
@@ -142,3 +143,20 @@ def test_lqr_is_scipys_riccati_equation_with_its_guaranteed_margins():
     found = margins(of.open_loop(plant, np.column_stack([K, np.ones(3)]), 0))
     assert (found.phase_margin[:2] > 59.5).all()  # 60 degrees in continuous time (Kalman)
     assert (found.modulus_margin > 0.99).all()
+
+
+def test_a_state_feedback_of_models_is_of_their_own_states():
+    def model(theta):
+        return control.ss(A, theta[0] * B[:, None], C[None], 0)
+
+    of = StateFeedback(("k1", "k2"))
+    loop = ControlLoop.of(model, TS, Target(Ts=TS, crossover=0.3), controller=of, rule="lqr")
+    gains, _ = loop.design(np.array([[1.0], [-2.0]]))
+    np.testing.assert_allclose(gains[:, :2], lqr(loop.sampled(np.array([[1.0], [-2.0]])), 1.0))
+    np.testing.assert_allclose(
+        loop.sampled(np.ones((1, 1))).A[0], zoh(A[None], B[None], C, TS).A[0]
+    )
+    other = ControlLoop.of(lambda theta: control.tf([theta[0]], [1, 1]), TS, loop.target,
+                           controller=StateFeedback(("k",)), rule="lqr")  # fmt: skip
+    with pytest.raises(ValueError, match="output row"):
+        other.design(np.array([[1.0], [2.0]]))
