@@ -16,8 +16,8 @@ from yawrate_env.plant.control_loop import ControlLoop
 
 TS, DELAY = 0.1, 2
 A, B, C = np.array([[-1.0, 1.0], [0.0, -3.0]]), np.array([0.0, 6.0]), np.array([1.0, 0.0])
-GAINS = {"kp": 0.8, "Ki": 0.5, "Ti": 1.4, "Td": 0.3, "Tf": 0.12, "b": 0.6, "K": 0.7, "T1": 0.9,
-         "T2": 0.25}  # fmt: skip
+GAINS = {"kp": 0.8, "Ki": 0.5, "Ti": 1.4, "Td": 0.3, "Tf": 0.12, "b": 0.6, "T_lead": 0.9,
+         "T_lag": 0.25}  # fmt: skip
 
 
 def plants(*dead_times):
@@ -35,7 +35,7 @@ def formulas(name):
     s, of = control.tf("s"), GAINS
     rate = s / (1 + (of["Tf"] if "Tf" in CONTROLLERS[name].gains else TS / 2) * s)
     if name == "lead-lag":
-        both = of["K"] * (1 + of["T1"] * s) / (1 + of["T2"] * s), None
+        both = of["kp"] * (1 + of["T_lead"] * s) / (1 + of["T_lag"] * s), None
     elif name == "I":
         both = of["Ki"] / s, None
     else:

@@ -10,7 +10,7 @@ PD, PDF         kp, Td[, Tf]             kp (1 + Td s/(1 + Tf s)) e
 PID, PIDF       kp, Ti, Td[, Tf]         kp (1 + 1/(Ti s) + Td s/(1 + Tf s)) e
 PI-D            kp, Ti, Td, Tf           kp ((1 + 1/(Ti s)) e - Td s/(1 + Tf s) y)
 2DOF            kp, Ti, Td, Tf, b        kp (b r - y + 1/(Ti s) e - Td s/(1 + Tf s) y)
-lead-lag        K, T1, T2                K (1 + T1 s)/(1 + T2 s) e
+lead-lag        kp, T_lead, T_lag        kp (1 + T_lead s)/(1 + T_lag s) e
 state feedback  k1, ..., kn, kr          kr r - k1 x1 - ... - kn xn
 ==============  =======================  ====================================================
 
@@ -33,7 +33,7 @@ from yawrate_env.loop.design import design_from_response
 from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.feedback import Compensator, Feedback
 from yawrate_env.loop.law import KINDS, Status, filter_time, supply
-from yawrate_env.loop.margins import TransferFunction
+from yawrate_env.loop.margins import TransferFunction, product
 from yawrate_env.loop.shaping import lead_lag
 from yawrate_env.loop.target import Target
 
@@ -112,14 +112,14 @@ class Parallel:
         if self.integrates:
             top, delta = integral
             reference, output = (
-                _product(part, delta) + _product(top, bottom) for part in (reference, output)
+                product(part, delta) + product(top, bottom) for part in (reference, output)
             )
-            bottom = _product(bottom, delta)
+            bottom = product(bottom, delta)
         if self.derives:
             top, pole = derivative
-            reference = _product(reference, pole) + self.c[:, None] * _product(top, bottom)
-            output = _product(output, pole) + _product(top, bottom)
-            bottom = _product(bottom, pole)
+            reference = product(reference, pole) + self.c[:, None] * product(top, bottom)
+            output = product(output, pole) + product(top, bottom)
+            bottom = product(bottom, pole)
         return Compensator(reference, output, bottom)
 
 
@@ -216,10 +216,10 @@ class PID(_OfOutput):
 
 @dataclass(frozen=True, slots=True)
 class LeadLag(_OfOutput):
-    """A lead or a lag, ``K (1 + T1 s)/(1 + T2 s)``: a PD with a filter, of either sign."""
+    """A lead or a lag, ``kp (1 + T_lead s)/(1 + T_lag s)``: a PD with a filter, of either sign."""
 
     name: str = "lead-lag"
-    gains: tuple[str, ...] = ("K", "T1", "T2")
+    gains: tuple[str, ...] = ("kp", "T_lead", "T_lag")
     integrates: bool = False
     derives: bool = True
 
@@ -247,9 +247,9 @@ class LeadLag(_OfOutput):
 
     def parallel(self, gains: Array, Ts: float) -> Parallel:
         """As `_OfOutput` says."""
-        K, T1, T2 = gains.T
-        one = np.ones_like(K)
-        return Parallel(K, 0 * one, K * (T1 - T2), T2, one, one, False, True)
+        kp, lead, lag = gains.T
+        one = np.ones_like(kp)
+        return Parallel(kp, 0 * one, kp * (lead - lag), lag, one, one, False, True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,10 +366,3 @@ CONTROLLERS: dict[str, PID | LeadLag] = {
 def of_target(target: Target) -> PID | LeadLag | Printed:
     """The controller of a target: the PI, or its printed form."""
     return CONTROLLERS["PI"] if target.controller == "pi" else Printed()
-
-
-def _product(p: Array, q: Array) -> Array:
-    out = np.zeros((len(p), p.shape[1] + q.shape[1] - 1))
-    for k in range(p.shape[1]):
-        out[:, k : k + q.shape[1]] += p[:, k, None] * q
-    return out
