@@ -17,8 +17,8 @@ from yawrate_env.plant.parametrisation import of_gains, signed
 MODULE = '''
 """A servo whose motor is wired the other way round: inertia and friction unknown."""
 import numpy as np
-from yawrate_env.loop.controllers import StateFeedback
 from yawrate_env.loop.discretisation import zoh
+from yawrate_env.loop.state_feedback import StateFeedback
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.control_loop import ControlLoop
 from yawrate_env.signals.excitation import prbs

@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 
 from tuners.pidtune import pidtune
-from yawrate_env.loop.controllers import CONTROLLERS, StateFeedback, reference_gain
+from yawrate_env.loop.controllers import CONTROLLERS
 from yawrate_env.loop.dead_time import zoh_late
 from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.discretisation import zoh
 from yawrate_env.loop.margins import TransferFunction, margins
 from yawrate_env.loop.shaping import lqr
+from yawrate_env.loop.state_feedback import StateFeedback, reference_gain
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.control_loop import ControlLoop
 

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from yawrate_env import validation
 from yawrate_env.loop import dead_time
-from yawrate_env.loop.controllers import CONTROLLERS, STATE_FEEDBACK, Controller, of_target
+from yawrate_env.loop.controllers import CONTROLLERS, Controller, of_target
 from yawrate_env.loop.discretisation import DiscretePlant, zoh
 from yawrate_env.loop.margins import margins
 from yawrate_env.loop.metrics import METRICS, Closed
 from yawrate_env.loop.process_rules import PROCESS_RULES, Process
+from yawrate_env.loop.state_feedback import STATE_FEEDBACK
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import split, word

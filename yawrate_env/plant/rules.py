@@ -25,10 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.loop import shaping
-from yawrate_env.loop.controllers import Parallel, reference_gain
 from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.margins import TransferFunction
+from yawrate_env.loop.parallel import Parallel
 from yawrate_env.loop.process_rules import PROCESS_RULES, Standard
+from yawrate_env.loop.state_feedback import reference_gain
 
 if TYPE_CHECKING:
     from yawrate_env.plant.control_loop import ControlLoop
