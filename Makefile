@@ -17,7 +17,7 @@ STAMP := $(VENV)/.installed
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 .SUFFIXES:
 .DEFAULT_GOAL := help
-.PHONY: help venv test test-fast lint reproduce results accuracy robustness closed-loops several benchmark models docs clean
+.PHONY: help venv test test-fast lint reproduce results accuracy robustness closed-loops several processes benchmark models docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -93,6 +93,12 @@ closed-loops: $(STAMP) ## results/closed_loops.md: recordings under an old contr
 several: $(STAMP) ## results/several.md: what several logs of one vehicle are worth; half an hour
 	@echo "==> scripts/several.py"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/several.py
+
+processes: $(STAMP) ## results/processes.md: ready plants through tune; five minutes
+	@echo "==> scripts/compare_process.py"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/compare_process.py sopdt --controller PIDF
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/compare_process.py sopdt --controller PID
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/compare_process.py fopdt
 
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"

@@ -136,8 +136,10 @@ Gains and metrics stand by name at the top level and, all of them, in `gains` an
 those of the fitted plant, `deviations` the standard deviations of the estimated ones. `log` has
 the stretch, the measured parameters and the excitation, `fit` the estimated parameters and what
 the recording started from, `checks` every check with value and limit, `forms` a PI controller's
-usual forms. What does not exist is `null`: where a tuner finds no gains, `status` says why, and
-`fallback` has gains that are stable for every plant of the prior.
+usual forms, `controller` its kind and [vendors' forms](controllers.md#vendors-forms) of its gains,
+and with `--speeds` `speeds` gains and margins of slower and faster loops. What does not exist is
+`null`: where a tuner finds no gains, `status` says why, and `fallback` has gains that are stable
+for every plant of the prior.
 
 For several logs `log` is `null` and `logs` has an entry for each, with its `share` of the
 information, and whether it `agrees` with the others: `chi_square`, which is about `freedom` for

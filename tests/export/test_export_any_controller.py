@@ -18,8 +18,8 @@ from tuners.export.pid_program import golden_signals, state_feedback_program
 from yawrate_env.loop.controllers import CONTROLLERS
 
 TS = 0.05
-VALUES = {"kp": 1.3, "Ki": 0.4, "Ti": 2.1, "Td": 0.4, "Tf": 0.1, "b": 0.4, "K": 2.0, "T1": 0.2,
-          "T2": 0.9}  # fmt: skip
+VALUES = {"kp": 1.3, "Ki": 0.4, "Ti": 2.1, "Td": 0.4, "Tf": 0.1, "b": 0.4, "T_lead": 0.2,
+          "T_lag": 0.9}  # fmt: skip
 UNLIMITED = (-1e9, 1e9)
 
 

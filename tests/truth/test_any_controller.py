@@ -5,18 +5,20 @@ import numpy as np
 import pytest
 
 from tuners.pidtune import pidtune
-from yawrate_env.loop.controllers import CONTROLLERS, StateFeedback, reference_gain
+from yawrate_env.loop.controllers import CONTROLLERS
 from yawrate_env.loop.dead_time import zoh_late
 from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.discretisation import zoh
 from yawrate_env.loop.margins import TransferFunction, margins
 from yawrate_env.loop.shaping import lqr
+from yawrate_env.loop.state_feedback import StateFeedback, reference_gain
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.control_loop import ControlLoop
 
 TS, DELAY = 0.1, 2
 A, B, C = np.array([[-1.0, 1.0], [0.0, -3.0]]), np.array([0.0, 6.0]), np.array([1.0, 0.0])
-GAINS = {"kp": 0.8, "Ki": 0.5, "Ti": 1.4, "Td": 0.3, "Tf": 0.12, "b": 0.6, "K": 0.7, "T1": 0.9,
-         "T2": 0.25}  # fmt: skip
+GAINS = {"kp": 0.8, "Ki": 0.5, "Ti": 1.4, "Td": 0.3, "Tf": 0.12, "b": 0.6, "T_lead": 0.9,
+         "T_lag": 0.25}  # fmt: skip
 
 
 def plants(*dead_times):
@@ -34,7 +36,7 @@ def formulas(name):
     s, of = control.tf("s"), GAINS
     rate = s / (1 + (of["Tf"] if "Tf" in CONTROLLERS[name].gains else TS / 2) * s)
     if name == "lead-lag":
-        both = of["K"] * (1 + of["T1"] * s) / (1 + of["T2"] * s), None
+        both = of["kp"] * (1 + of["T_lead"] * s) / (1 + of["T_lag"] * s), None
     elif name == "I":
         both = of["Ki"] / s, None
     else:
@@ -142,3 +144,20 @@ def test_lqr_is_scipys_riccati_equation_with_its_guaranteed_margins():
     found = margins(of.open_loop(plant, np.column_stack([K, np.ones(3)]), 0))
     assert (found.phase_margin[:2] > 59.5).all()  # 60 degrees in continuous time (Kalman)
     assert (found.modulus_margin > 0.99).all()
+
+
+def test_a_state_feedback_of_models_is_of_their_own_states():
+    def model(theta):
+        return control.ss(A, theta[0] * B[:, None], C[None], 0)
+
+    of = StateFeedback(("k1", "k2"))
+    loop = ControlLoop.of(model, TS, Target(Ts=TS, crossover=0.3), controller=of, rule="lqr")
+    gains, _ = loop.design(np.array([[1.0], [-2.0]]))
+    np.testing.assert_allclose(gains[:, :2], lqr(loop.sampled(np.array([[1.0], [-2.0]])), 1.0))
+    np.testing.assert_allclose(
+        loop.sampled(np.ones((1, 1))).A[0], zoh(A[None], B[None], C, TS).A[0]
+    )
+    other = ControlLoop.of(lambda theta: control.tf([theta[0]], [1, 1]), TS, loop.target,
+                           controller=StateFeedback(("k",)), rule="lqr")  # fmt: skip
+    with pytest.raises(ValueError, match="output row"):
+        other.design(np.array([[1.0], [2.0]]))

@@ -17,7 +17,7 @@ from yawrate_env.loop.controllers import CONTROLLERS
 from yawrate_env.plant.names import split, valued
 from yawrate_env.plant.plant import Plant
 
-_TIMES = "Ti", "Td", "Tf", "T1", "T2"
+_TIMES = "Ti", "Td", "Tf", "T_lead", "T_lag"
 
 RUNGS = {
     Rung.METHOD: "tuner",
@@ -197,7 +197,7 @@ def levels(plant: Plant, u: NDArray[np.float64], name: str = "") -> str:
 def gain_units(plant: Plant) -> dict[str, str]:
     """Units of the gains: those in their names, or of a known controller's."""
     input, output = map(unit_of, plant.signals)
-    known = {"kp": ratio(input, output), "K": ratio(input, output)} | dict.fromkeys(_TIMES, "s")
+    known = {"kp": ratio(input, output)} | dict.fromkeys(_TIMES, "s")
     if controller_of(plant) in CONTROLLERS or plant.parametrisation.target is not None:
         return {name: unit_of(name) or known.get(name, "") for name in plant.gains}
     return {name: unit_of(name) for name in plant.gains}

@@ -48,7 +48,7 @@ from tuners.tuner.schedule import Schedule
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.files import check_regular, replacing, write_text
-from yawrate_env.loop.controllers import STATE_FEEDBACK
+from yawrate_env.loop.state_feedback import STATE_FEEDBACK
 from yawrate_env.plant.plant import Plant
 
 __all__ = [

@@ -15,7 +15,8 @@ from tuners.export.digital_state_feedback import DigitalStateFeedback
 from tuners.export.forms import controller_of
 from tuners.tuner.result import Result
 from yawrate_env import validation
-from yawrate_env.loop.controllers import CONTROLLERS, STATE_FEEDBACK
+from yawrate_env.loop.controllers import CONTROLLERS
+from yawrate_env.loop.state_feedback import STATE_FEEDBACK
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.pi_loop import GAINS
 from yawrate_env.plant.plant import Plant

@@ -10,7 +10,7 @@ PD, PDF         kp, Td[, Tf]             kp (1 + Td s/(1 + Tf s)) e
 PID, PIDF       kp, Ti, Td[, Tf]         kp (1 + 1/(Ti s) + Td s/(1 + Tf s)) e
 PI-D            kp, Ti, Td, Tf           kp ((1 + 1/(Ti s)) e - Td s/(1 + Tf s) y)
 2DOF            kp, Ti, Td, Tf, b        kp (b r - y + 1/(Ti s) e - Td s/(1 + Tf s) y)
-lead-lag        K, T1, T2                K (1 + T1 s)/(1 + T2 s) e
+lead-lag        kp, T_lead, T_lag        kp (1 + T_lead s)/(1 + T_lag s) e
 state feedback  k1, ..., kn, kr          kr r - k1 x1 - ... - kn xn
 ==============  =======================  ====================================================
 
@@ -18,7 +18,8 @@ with ``e = r - y``.  Tustin's formula ``s = 2/Ts (z - 1)/(z + 1)`` makes them di
 have the filter ``Tf = Ts/2``, with which the derivative is a backward difference.  Rules choose
 the gain kr of a state feedback so that the steady output is the reference.
 
-All but the last are ``u = Kp (b r - y) + Ki/s e + Kd s/(1 + Tf s) (c r - y)``: `Parallel`.
+All but the last (`yawrate_env.loop.state_feedback`) have the form of `yawrate_env.loop.parallel`,
+``u = Kp (b r - y) + Ki/s e + Kd s/(1 + Tf s) (c r - y)``.
 """
 
 from collections.abc import Mapping
@@ -31,16 +32,15 @@ from numpy.typing import NDArray
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import design_from_response
 from yawrate_env.loop.discretisation import DiscretePlant
-from yawrate_env.loop.feedback import Compensator, Feedback
+from yawrate_env.loop.feedback import Feedback
 from yawrate_env.loop.law import KINDS, Status, filter_time, supply
 from yawrate_env.loop.margins import TransferFunction
+from yawrate_env.loop.parallel import Parallel
 from yawrate_env.loop.shaping import lead_lag
 from yawrate_env.loop.target import Target
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-STATE_FEEDBACK = "state feedback"
 
 _OF_PROCESSES = "simc", "lambda", "imc", "amigo"
 _KINDS = {"PI-D": "PIDF", "2DOF": "PIDF"}  # whose loops are another's
@@ -78,49 +78,6 @@ class Controller(Protocol):
 
     def close(self, plant: DiscretePlant, gains: Array, delay_samples: int) -> Feedback:
         """The loops closed."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Parallel:
-    """B controllers ``Kp (b r - y) + Ki/s e + Kd s/(1 + Tf s) (c r - y)``.
-
-    Attributes
-    ----------
-    Kp, Ki, Kd, Tf, b, c : NDArray
-        (B,) each.
-    integrates, derives : bool
-        Whether Ki and Kd may differ from 0.
-    """
-
-    Kp: Array
-    Ki: Array
-    Kd: Array
-    Tf: Array
-    b: Array
-    c: Array
-    integrates: bool
-    derives: bool
-
-    def compensator(self, Ts: float) -> Compensator:
-        """Sampled by Tustin's formula: ``1/s`` is ``(1 + h delta)/delta`` with ``h = Ts/2``."""
-        one, h = np.ones_like(self.Kp), Ts / 2
-        integral = (np.stack([h * self.Ki, self.Ki], axis=1), np.stack([one, 0 * one], axis=1))
-        rate = 1 / (self.Tf + h)
-        derivative = np.stack([rate * self.Kd, 0 * one], axis=1), np.stack([one, rate], axis=1)
-        bottom = one[:, None]
-        reference, output = (self.Kp * self.b)[:, None], self.Kp[:, None]
-        if self.integrates:
-            top, delta = integral
-            reference, output = (
-                _product(part, delta) + _product(top, bottom) for part in (reference, output)
-            )
-            bottom = _product(bottom, delta)
-        if self.derives:
-            top, pole = derivative
-            reference = _product(reference, pole) + self.c[:, None] * _product(top, bottom)
-            output = _product(output, pole) + _product(top, bottom)
-            bottom = _product(bottom, pole)
-        return Compensator(reference, output, bottom)
 
 
 class _OfOutput:
@@ -216,10 +173,10 @@ class PID(_OfOutput):
 
 @dataclass(frozen=True, slots=True)
 class LeadLag(_OfOutput):
-    """A lead or a lag, ``K (1 + T1 s)/(1 + T2 s)``: a PD with a filter, of either sign."""
+    """A lead or a lag, ``kp (1 + T_lead s)/(1 + T_lag s)``: a PD with a filter, of either sign."""
 
     name: str = "lead-lag"
-    gains: tuple[str, ...] = ("K", "T1", "T2")
+    gains: tuple[str, ...] = ("kp", "T_lead", "T_lag")
     integrates: bool = False
     derives: bool = True
 
@@ -247,9 +204,9 @@ class LeadLag(_OfOutput):
 
     def parallel(self, gains: Array, Ts: float) -> Parallel:
         """As `_OfOutput` says."""
-        K, T1, T2 = gains.T
-        one = np.ones_like(K)
-        return Parallel(K, 0 * one, K * (T1 - T2), T2, one, one, False, True)
+        kp, lead, lag = gains.T
+        one = np.ones_like(kp)
+        return Parallel(kp, 0 * one, kp * (lead - lag), lag, one, one, False, True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,75 +236,6 @@ class Printed(_OfOutput):
         return np.stack([found.kp, found.Ti], axis=1), found.status
 
 
-@dataclass(frozen=True, slots=True)
-class StateFeedback:
-    """Feedback of the plant's n states, of gains of either sign, and a gain of the reference.
-
-    Attributes
-    ----------
-    states : tuple of str
-        Names of the states' gains; the reference's is kr.
-    """
-
-    states: tuple[str, ...]
-    name: str = STATE_FEEDBACK
-
-    @property
-    def gains(self) -> tuple[str, ...]:
-        """Names of its gains, kr the last."""
-        return *self.states, "kr"
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Gains of either sign."""
-        return ("signed",) * len(self.gains)
-
-    @property
-    def rules(self) -> tuple[str, ...]:
-        """LQR."""
-        return ("lqr",)
-
-    def usable(self, gains: Array) -> Flags:
-        """Gains that are finite."""
-        return np.asarray(np.isfinite(gains).all(axis=1))
-
-    def shape(
-        self, log_magnitude: Array, phase: Array, target: Target
-    ) -> tuple[Array, NDArray[np.int64]]:
-        """Refused: a response at one frequency does not tell the gains."""
-        raise ValueError("loop shaping is for a PID or a lead-lag. Choose rule = 'lqr'.")
-
-    def open_loop(self, plant: DiscretePlant, gains: Array, delay_samples: int) -> TransferFunction:
-        """From the plant's input to what is fed back."""
-        self._check(plant)
-        seen = DiscretePlant(plant.A, plant.B, gains[:, :-1], plant.Ts)
-        return TransferFunction.of(seen, delay_samples)
-
-    def close(self, plant: DiscretePlant, gains: Array, delay_samples: int) -> Feedback:
-        """As `Controller` says."""
-        self._check(plant)
-        one = np.ones((len(gains), 1))
-        made = Compensator(gains[:, -1:], one, one)
-        return Feedback.of(plant, made, delay_samples, gains[:, :-1])
-
-    def _check(self, plant: DiscretePlant) -> None:
-        if plant.delay is not None:
-            raise ValueError("a state feedback needs a plant without dead time. Choose a PID.")
-        if plant.A.shape[1] != len(self.states):
-            raise ValueError(
-                f"a state feedback with gains {', '.join(self.states)} is for a plant of as many "
-                f"states, not of {plant.A.shape[1]}. Name a gain for each state."
-            )
-
-
-def reference_gain(plant: DiscretePlant, K: Array) -> Array:
-    """Kr (B,), with which the steady output is the reference, of a state feedback (B, n)."""
-    steady = np.eye(K.shape[1]) - plant.A + plant.B[:, :, None] * K[:, None, :]
-    states = np.einsum("bij,bj->bi", np.linalg.pinv(steady), plant.B)
-    with np.errstate(divide="ignore"):
-        return np.asarray(1 / (states @ plant.C))
-
-
 CONTROLLERS: dict[str, PID | LeadLag] = {
     "P": PID("P", ("kp",)),
     "I": PID("I", ("Ki",)),
@@ -366,10 +254,3 @@ CONTROLLERS: dict[str, PID | LeadLag] = {
 def of_target(target: Target) -> PID | LeadLag | Printed:
     """The controller of a target: the PI, or its printed form."""
     return CONTROLLERS["PI"] if target.controller == "pi" else Printed()
-
-
-def _product(p: Array, q: Array) -> Array:
-    out = np.zeros((len(p), p.shape[1] + q.shape[1] - 1))
-    for k in range(p.shape[1]):
-        out[:, k : k + q.shape[1]] += p[:, k, None] * q
-    return out

@@ -71,8 +71,8 @@ class TransferFunction:
     def __mul__(self, other: "TransferFunction") -> "TransferFunction":
         """Series connection, plant by plant."""
         return TransferFunction(
-            _product(self.num, other.num),
-            _product(self.den, other.den),
+            product(self.num, other.num),
+            product(self.den, other.den),
             self.Ts,
             self.delay_samples + other.delay_samples,
         )
@@ -166,7 +166,8 @@ def _grid(
     return omega, np.stack([delta.real, delta.imag]), lag
 
 
-def _product(p: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
+def product(p: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Products (B, m + n - 1) of polynomials (B, m) and (B, n)."""
     out = np.zeros((len(p), p.shape[1] + q.shape[1] - 1))
     for k in range(p.shape[1]):
         out[:, k : k + q.shape[1]] += p[:, k, None] * q

@@ -86,9 +86,7 @@ def simc(of: Process, derives: bool, tau_c: Array) -> Standard:
     if not derives:
         of = of.first_order
     large, small = np.maximum(of.lag, of.second_lag), np.minimum(of.lag, of.second_lag)
-    slow = tau_c + of.dead_time
-    slope = np.where(np.isinf(large), of.gain, of.gain / large)
-    kp, Ti = 1 / (slope * slow), np.minimum(large, 4 * slow)
+    kp, Ti = simc_pi.simc(of.gain, large, of.dead_time, tau_c).T
     lead = np.where(small > 0, small, of.dead_time / 3) if derives else np.zeros_like(kp)
     factor = 1 + lead / Ti  # from PI and lead in series to their sum
     return Standard(kp * factor, Ti * factor, lead / factor, np.ones_like(kp))

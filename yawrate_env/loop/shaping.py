@@ -115,7 +115,7 @@ def lqr(plant: DiscretePlant, weight: float) -> Array:
 
 
 def lead_lag(log_magnitude: Array, phase: Array, omega: float) -> Array:
-    """Gains K, T1, T2 (B, 3) with this response at `omega` [rad/s], centred there.
+    """Gains kp, T_lead, T_lag (B, 3) with this response at `omega` [rad/s], centred there.
 
     ``nan`` where the phase is not between -90 and 90 degrees.
     """

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def simc(gain: Array, lag: Array, dead_time: Array, tau_c: float | None = None) -> Array:
+def simc(gain: Array, lag: Array, dead_time: Array, tau_c: float | Array | None = None) -> Array:
     """Gains (kp, Ti), (B, 2), of first-order plants; a lag of ``inf`` is an integrator.
 
     Parameters
@@ -30,7 +30,7 @@ def simc(gain: Array, lag: Array, dead_time: Array, tau_c: float | None = None) 
         Steady gain K, or the slope K/T [1/s] for ``lag = inf``.
     lag, dead_time : (B,) float64
         T and L, the hold's half sample in it [s].
-    tau_c : float, optional
+    tau_c : float or (B,) float64, optional
         Wanted time constant of the closed loop [s].
     """
     slow = (dead_time if tau_c is None else tau_c) + dead_time

@@ -19,6 +19,7 @@ from yawrate_env.loop.discretisation import DiscretePlant, zoh
 from yawrate_env.loop.margins import margins
 from yawrate_env.loop.metrics import METRICS, Closed
 from yawrate_env.loop.process_rules import PROCESS_RULES, Process
+from yawrate_env.loop.state_feedback import STATE_FEEDBACK
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.names import split, word
@@ -139,7 +140,9 @@ class ControlLoop:
         Ts, target, signals, settings
             As of the loop.
         """
-        return cls(_Modelled(model), Ts, target, signals, **settings)
+        chosen = settings.get("controller")
+        own = getattr(chosen, "name", chosen) == STATE_FEEDBACK
+        return cls(_Modelled(model, own), Ts, target, signals, **settings)
 
     def plant(self, **settings: Any) -> Plant:
         """The plant of this loop; `settings` are further ones of `Plant`, or others than these."""
@@ -278,9 +281,10 @@ class _Modelled:
     """Models of one plant at a time, discretised."""
 
     model: Callable[[Array], Any]
+    own_states: bool = False
 
     def __call__(self, theta: Array, Ts: float) -> DiscretePlant:
-        return zoh(*_state_space([self.model(row) for row in theta]), Ts)
+        return zoh(*_state_space([self.model(row) for row in theta], self.own_states), Ts)
 
 
 def _bounded(values: Array, least: float = 1.0) -> Array:
@@ -289,8 +293,11 @@ def _bounded(values: Array, least: float = 1.0) -> Array:
     return np.where(lost, np.nan, values)
 
 
-def _state_space(models: list[Any]) -> tuple[Array, Array, Array]:
-    """Matrices (B, n, n), (B, n), (n,) of python-control models, in states that share C."""
+def _state_space(models: list[Any], own: bool) -> tuple[Array, Array, Array]:
+    """Matrices (B, n, n), (B, n), (n,) of python-control models, in states that share C.
+
+    These are the models' own where they share it, as they must where `own`.
+    """
     import control
 
     systems = [model if hasattr(model, "A") else control.ss(model) for model in models]
@@ -301,6 +308,13 @@ def _state_space(models: list[Any]) -> tuple[Array, Array, Array]:
             f"dt = {first.dt}. Give a continuous one with one of each and D = 0."
         )
     A, B, C = (np.stack([getattr(system, name) for system in systems]) for name in "ABC")
+    if (C == C[0]).all():
+        return A, B[:, :, 0], C[0, 0]
+    if own:
+        raise ValueError(
+            "the model's output row differs from plant to plant, so that its states have no common "
+            "meaning for a state feedback. Give control.ss models with the same C."
+        )
     # A reflection takes every output row to a multiple of the first unit vector.
     size = np.linalg.norm(C, axis=2, keepdims=True)
     unit = np.eye(A.shape[1])[0]

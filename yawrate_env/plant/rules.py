@@ -19,25 +19,68 @@ A derivative's filter is ``Tf = Td/N``, and at least half a sampling time.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.loop import shaping
-from yawrate_env.loop.controllers import Parallel, reference_gain
 from yawrate_env.loop.design import Status, required_response
+from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.margins import TransferFunction
-from yawrate_env.loop.process_rules import PROCESS_RULES, Standard
-
-if TYPE_CHECKING:
-    from yawrate_env.plant.control_loop import ControlLoop
+from yawrate_env.loop.parallel import Parallel
+from yawrate_env.loop.process_rules import PROCESS_RULES, Process, Standard
+from yawrate_env.loop.state_feedback import reference_gain
+from yawrate_env.loop.target import Target
 
 Array = NDArray[np.float64]
 Designed = tuple[Array, NDArray[np.bool_]]
 
 
-def shaped(loop: "ControlLoop", theta: Array) -> Designed:
+class DesignedLoop(Protocol):
+    """What rules ask of a loop; `yawrate_env.plant.control_loop.ControlLoop` says what it is."""
+
+    @property
+    def target(self) -> Target:
+        """Sampling time, delay, and what rule R aims at."""
+
+    @property
+    def controller(self) -> Any:
+        """In the loop."""
+
+    @property
+    def rule(self) -> Any:
+        """Its name, or a function."""
+
+    @property
+    def process(self) -> Callable[[Array], Process] | None:
+        """From parameters to processes."""
+
+    @property
+    def tau_c(self) -> float | None:
+        """Wanted time constant [s]."""
+
+    @property
+    def Ms(self) -> float:
+        """Largest sensitivity."""
+
+    @property
+    def N(self) -> float:
+        """Derivative time over filter time."""
+
+    @property
+    def weight(self) -> float:
+        """Of the squared input."""
+
+    @property
+    def speed(self) -> float:
+        """How many times as fast as asked."""
+
+    def sampled(self, theta: Array) -> DiscretePlant:
+        """Plants at the controller's sampling time."""
+
+
+def shaped(loop: DesignedLoop, theta: Array) -> Designed:
     """Rule R at the target, whose crossover goes with the loop's speed."""
     target = replace(loop.target, crossover=loop.speed * loop.target.crossover)
     plant = TransferFunction.of(loop.sampled(theta), target.delay_samples)
@@ -45,9 +88,9 @@ def shaped(loop: "ControlLoop", theta: Array) -> Designed:
     return gains, status == Status.OK
 
 
-def of_process(loop: "ControlLoop", theta: Array) -> Designed:
+def of_process(loop: DesignedLoop, theta: Array) -> Designed:
     """A rule for processes."""
-    assert loop.process is not None and isinstance(loop.rule, str)  # checked by the loop
+    assert loop.process is not None  # the loop has checked it
     process = loop.process(theta)
     tau_c = np.full(len(theta), loop.tau_c) if loop.tau_c else process.dead_time
     found = PROCESS_RULES[loop.rule](process, loop.controller.derives, tau_c / loop.speed)
@@ -55,7 +98,7 @@ def of_process(loop: "ControlLoop", theta: Array) -> Designed:
     return gains, _found(gains)
 
 
-def constrained(loop: "ControlLoop", theta: Array) -> Designed:
+def constrained(loop: DesignedLoop, theta: Array) -> Designed:
     """The largest kp/Ti with a largest sensitivity; a PID has ``Td = Ti/4``."""
     of, Ts, delay = loop.controller, loop.target.Ts, loop.target.delay_samples
     plant = TransferFunction.of(loop.sampled(theta), delay)
@@ -73,7 +116,7 @@ def constrained(loop: "ControlLoop", theta: Array) -> Designed:
     return gains, _found(gains)
 
 
-def optimal(loop: "ControlLoop", theta: Array) -> Designed:
+def optimal(loop: DesignedLoop, theta: Array) -> Designed:
     """The linear-quadratic regulator."""
     plant = loop.sampled(theta)
     K = shaping.lqr(plant, loop.weight / loop.speed**2)
@@ -87,14 +130,14 @@ def _found(gains: Array) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(gains).all(axis=1))
 
 
-def _named(loop: "ControlLoop", found: Standard) -> dict[str, Array]:
+def _named(loop: DesignedLoop, found: Standard) -> dict[str, Array]:
     """A rule's gains by name, with the derivative's filter."""
     Tf = np.maximum(found.Td / loop.N, loop.target.Ts / 2)
     return {"kp": found.kp, "Ti": found.Ti, "Td": found.Td, "Tf": Tf, "b": found.b}
 
 
 LOOP_SHAPING = "loop-shaping"
-RULES: dict[str, Callable[["ControlLoop", Array], Designed]] = {
+RULES: dict[str, Callable[[DesignedLoop, Array], Designed]] = {
     LOOP_SHAPING: shaped,
     **dict.fromkeys(PROCESS_RULES, of_process),
     "ms": constrained,

@@ -9,6 +9,7 @@ plant            G(s)                                  unknown
 ===============  ====================================  =========================
 
 The dead time may be unknown and need not be whole samples; the input is held between samples.
+No fitted dead time is shorter than the prior's shortest, since gains grow as it shrinks.
 The margins are those of the sampled loop, whose controller runs at the experiment's sampling
 time.  A number in place of a range is a parameter that is known.
 """
@@ -40,6 +41,8 @@ from yawrate_env.signals.excitation import (
 
 Array = NDArray[np.float64]
 Matrices = Callable[[Array], tuple[Array, Array, Array]]
+
+_DEAD_TIME = "L"
 
 METRICS = ("phase_margin [deg]", "gain_margin [dB]", "crossover [Hz]")
 """Of which the crossover is reported and does not count."""
@@ -143,16 +146,23 @@ class Control:
     target: Mapping[str, Any] | None = None
     Ms: float = 1.4
     N: float = 10.0
-    metrics: Sequence[str] | Mapping[str, float] = ()
+    metrics: Sequence[Any] | Mapping[str, float] = ()
 
     @property
     def changes(self) -> dict[str, Any]:
         """Settings that are not the usual ones, as plain JSON values."""
         given = ((each.name, getattr(self, each.name), each.default) for each in fields(self))
         changed = {name: value for name, value, usual in given if value != usual}
-        if not isinstance(self.metrics, Mapping) and "metrics" in changed:
-            changed["metrics"] = list(self.metrics)
+        if "metrics" in changed:  # as pairs: files may sort a table
+            changed["metrics"] = list(map(list, self.scales.items())) or list(self.metrics)
         return changed
+
+    @property
+    def scales(self) -> dict[str, float]:
+        """Errors that count as one, where they are given."""
+        if isinstance(self.metrics, Mapping):
+            return dict(self.metrics)
+        return dict(pair for pair in self.metrics if not isinstance(pair, str))
 
     def aimed(self, Ts: float) -> Target:
         """The target, at the controller's sampling time."""
@@ -168,7 +178,8 @@ class Control:
     @property
     def counted(self) -> tuple[str, ...]:
         """Names of the metrics."""
-        return tuple(self.metrics) or (MARGINS if self.rule == LOOP_SHAPING else METRICS)
+        usual = MARGINS if self.rule == LOOP_SHAPING else METRICS
+        return tuple(self.scales or self.metrics) or usual
 
 
 def fopdt(
@@ -245,7 +256,7 @@ def _process(
         control.Ms,
         control.N,
     )
-    scales = control.metrics if isinstance(control.metrics, Mapping) else {}
+    scales = control.scales
     metrics: dict[str, Any] = {**loop.settings, **scales}
     if not scales and control.rule != LOOP_SHAPING and "crossover [Hz]" in metrics:
         metrics["crossover [Hz]"] = Metric(np.inf)
@@ -254,6 +265,9 @@ def _process(
         aim = loop.target
         settings = {"crossover": aim.crossover, "target": (aim.phase_margin, aim.crossover)}
         settings = settings if control.counted == MARGINS else {}
+    shortest, longest = prior[_DEAD_TIME]
+    if 0 < shortest < longest:  # gains grow as it shrinks: what noise takes away is not asked for
+        settings["search_limits"] = {_DEAD_TIME: (shortest, longest + (longest - shortest) / 2)}
     arguments = {of: plain(value) for of, value in prior.items()}
     return loop.plant(
         prior=prior,

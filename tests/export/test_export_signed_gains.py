@@ -17,8 +17,8 @@ from yawrate_env.plant.parametrisation import of_gains, signed
 MODULE = '''
 """A servo whose motor is wired the other way round: inertia and friction unknown."""
 import numpy as np
-from yawrate_env.loop.controllers import StateFeedback
 from yawrate_env.loop.discretisation import zoh
+from yawrate_env.loop.state_feedback import StateFeedback
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.control_loop import ControlLoop
 from yawrate_env.signals.excitation import prbs
@@ -53,9 +53,10 @@ def plant(tmp_path, monkeypatch):
     return reversed_servo.plant
 
 
+@pytest.mark.slow
 def test_negative_gains_go_all_the_way(plant, tmp_path):
-    recipe = tuners.Recipe(Laguerre(8, 3.0), FeedForwardSettings(neurons=6, epochs=40))
-    tuner = tuners.train(recipe, plant, episodes=150, calibration=60)
+    recipe = tuners.Recipe(Laguerre(8, 3.0), FeedForwardSettings(neurons=6, epochs=20))
+    tuner = tuners.train(recipe, plant, episodes=80, calibration=50)
     theta = np.array([[0.8, 1.1]])
     y = plant.respond(theta)[0] + 0.005 * np.random.default_rng(0).standard_normal(500)
     result = tuner.tune(plant.u, y)
