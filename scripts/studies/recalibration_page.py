@@ -50,7 +50,7 @@ The filter assumes the noise and the vehicle of the first row.
 {faults}
 ## Speed
 
-The native batch environment, {batch} drives, {cores} cores: **{speed} windows a second**, features,
+The native batch environment, {batch} drives, {cores}: **{speed} windows a second**, features,
 design and margins included (the fastest of the rounds). Shares of the time, each measured alone:
 
 {shares}"""
@@ -77,7 +77,7 @@ def page(found: Row) -> str:
             [_fault(each) for each in found["faults"]],
         ),
         batch=speed["batch"],
-        cores=speed["cores"],
+        cores="1 core" if speed["cores"] == 1 else f"{speed['cores']} cores",
         speed=f"{speed['windows_per_second']:,.0f}",
         shares=table(("", "share"), [(k, f"{v:.0%}") for k, v in speed["shares"].items()]),
     )  # fmt: skip

@@ -45,6 +45,23 @@ def test_torchrl_checks_the_specs_and_collects(id, native):
         assert reward.numel() == 12 and (reward >= -5).all() and (reward <= 0).all()
 
 
+@pytest.mark.parametrize("native", [False, True])
+def test_torchrl_collects_drives(native):
+    client("torchrl")
+    from torchrl.collectors import Collector
+    from torchrl.envs import GymWrapper
+    from torchrl.envs.utils import check_env_specs
+
+    id, short = yawrate_env.RECALIBRATION_ID, {"windows": 3, "window": 1.0}
+    make = gymnasium.make_vec if native else gymnasium.make
+    env = GymWrapper(make(id, **short | ({"num_envs": 4} if native else {})))
+    check_env_specs(env)
+    rewards = [data["next", "reward"] for data in
+               Collector(env, None, frames_per_batch=12, total_frames=24)]  # fmt: skip
+    assert sum(reward.numel() for reward in rewards) == 24
+    assert all((reward >= -5.01).all() and (reward <= 0).all() for reward in rewards)
+
+
 @every_id
 def test_skrl_steps_the_native_batch(id):
     client("skrl")

@@ -209,3 +209,23 @@ def test_bad_actions_leave_drives_as_they_are():
         with pytest.raises(ValueError, match="action"):
             env.step(bad)
     assert_identical(env.step(action(env)), expected)
+
+
+def test_stable_baselines3_gets_each_windows_info_and_the_last_observation():
+    from tuners.agents.sb3_vec_env import Sb3VecEnv
+
+    one, batch = Sb3VecEnv(native(2)), native(2)
+    one.seed(3)
+    np.testing.assert_array_equal(one.reset(), batch.reset(seed=[3, 4])[0])
+    actions = np.full((2, 3), -1.0)
+    for left in (2, 1, 0):
+        obs, rewards, dones, infos = one.step(actions)
+        shown, expected, terminated, truncated, info = batch.step(actions)
+        np.testing.assert_array_equal(obs, shown)
+        np.testing.assert_allclose(rewards, expected, rtol=1e-6)
+        assert dones.all() == (left == 0) and not terminated.any()
+        told = info if left else info["final_info"]
+        assert [each["phase_margin"] for each in infos] == told["phase_margin"].tolist()
+        assert [each["TimeLimit.truncated"] for each in infos] == truncated.tolist()
+    for each, last in zip(infos, info["final_obs"], strict=True):
+        np.testing.assert_array_equal(each["terminal_observation"], last)

@@ -45,18 +45,19 @@ class Sb3VecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, Any, Any, list[dict[str, Any]]]:
-        """Step; infos are the final ones, `terminal_observation` included."""
+        """Step; infos of episodes that end are the final ones, with `terminal_observation`."""
         obs, rewards, terminated, truncated, info = self.env.step(self._actions)
-        final = {k: v for k, v in info["final_info"].items() if not k.startswith("_")}
-        infos: list[dict[str, Any]] = [
-            {
-                **{name: values[i].item() for name, values in final.items()},
-                "terminal_observation": info["final_obs"][i],
-                "TimeLimit.truncated": False,
-            }
-            for i in range(self.num_envs)
-        ]
-        return obs, rewards.astype(np.float32), terminated | truncated, infos
+        ended = terminated | truncated
+        infos = []
+        for i in range(self.num_envs):
+            told: dict[str, Any] = info["final_info"] if ended[i] else info
+            shown = {name: values[i].item() for name, values in told.items()
+                     if not name.startswith(("_", "final_"))}  # fmt: skip
+            if ended[i]:
+                shown["terminal_observation"] = info["final_obs"][i]
+            shown["TimeLimit.truncated"] = bool(truncated[i] and not terminated[i])
+            infos.append(shown)
+        return obs, rewards.astype(np.float32), ended, infos
 
     def close(self) -> None:
         """Close the vector environment."""
