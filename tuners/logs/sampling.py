@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tuners.logs.columns import Quantity
-from tuners.logs.frozen import frozen, note
+from tuners.logs.lost import without_lost
 from tuners.logs.stamps import line, order, unwrapped
 from tuners.logs.table import Array, LogError
 from tuners.logs.time_base import EVEN, Pace, TimeBase, time_base
@@ -59,10 +59,8 @@ def sampled(found: dict[str, Quantity], plan: Plan) -> tuple[TimeBase, dict[str,
         listed = ", ".join(f"{name} {size}" for name, size in sizes.items())
         raise LogError(f"The columns have different lengths: {listed}.")
     words += [_sparse(found[role], values[role]) for role in plan.slow if role in values]
-    still = frozen(values[plan.clock])
-    if still.any():
-        words.append(note(found[plan.clock].name, int(still.sum())))
-        values[plan.clock] = np.where(still, np.nan, values[plan.clock])
+    values[plan.clock], left_out = without_lost(found[plan.clock].name, values[plan.clock])
+    words += left_out
     values |= {role: _filled(values[role]) for role in plan.slow if role in values}
     if plan.begin is not None:
         time, values = _from(plan.begin, time, values)

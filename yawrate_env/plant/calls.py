@@ -46,7 +46,6 @@ def rows(
     A function may answer with a pair; the second part, (B,) bool, is then returned too.  Where it
     raises, the message says for which plant, with the `names` of its parameters.
     """
-    arrays = tuple(array.copy() for array in arrays)  # functions may write into them
     count, answer = len(arrays[0]), f"{name}'s answer"
     shape = (width,) if isinstance(width, int) else width
     if batched:
@@ -72,7 +71,7 @@ def _batch(
     name: str, function: Callable[..., Any], names: Sequence[str], *arrays: Array
 ) -> tuple[Any, Any]:
     """A batch's values and flags; where it raises, the first plant that does so alone is named."""
-    try:
+    try:  # functions may write into what they are given
         values = call(name, function, *(array.copy() for array in arrays))
     except ValueError:
         for i in range(len(arrays[0])):

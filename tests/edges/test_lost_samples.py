@@ -6,7 +6,7 @@ import pytest
 from studies.log_files import PLAIN, log_files
 from tuners.catalogue import load
 from tuners.logs import LogError, read_log
-from tuners.logs.frozen import frozen
+from tuners.logs.lost import alone, frozen
 
 PLANT = load("ts-ff-lag-vx").plant
 Y = PLAIN["yaw_rate"]
@@ -63,3 +63,31 @@ def test_bytes_that_came_between_are_no_other_samples(tmp_path):
     (tmp_path / file.name).write_bytes(content[:at] + bytes(40) + content[at:])
     with pytest.raises(LogError, match="damaged"):
         read_log(tmp_path / file.name, PLANT)
+
+
+@pytest.mark.parametrize("k", [2, 3, 600, 601, N - 3])
+@pytest.mark.parametrize("value", [0.6, -0.6, np.pi * 1e-300, 1e19])
+def test_single_samples_that_were_lost(k, value):
+    spoilt = Y.copy()
+    spoilt[k] = value if abs(value) > 1e-200 else Y[k] + 0.05
+    assert np.flatnonzero(alone(spoilt)).tolist() == [k]
+
+
+def test_two_lost_samples_near_each_other_are_not_taken_for_one():
+    spoilt = Y.copy()
+    spoilt[[400, 401, 800, 807]] += 0.3
+    assert np.flatnonzero(alone(spoilt)).tolist() == [800, 807]
+
+
+HEAVY = {
+    **CHANNELS,
+    "white noise": RNG.standard_normal(N),
+    "noise of heavy tails": RNG.standard_t(3, N),
+    "a plant that follows at once": np.repeat(RNG.standard_normal(N // 4), 4),
+    "short": np.eye(50)[20],
+}
+
+
+@pytest.mark.parametrize("values", HEAVY.values(), ids=HEAVY)
+def test_samples_that_are_like_others_are_kept(values):
+    assert not alone(values).any()
