@@ -133,7 +133,9 @@ def study(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Rows of the settings, written to `path` one by one; those in it are not made again."""
     sizes = {"vehicles": vehicles, "episodes": episodes, "seed": seed}
-    stored = json.loads(path.read_text()) if path.exists() else {"sizes": sizes, "rows": []}
+    stored: dict[str, Any] = {"sizes": sizes, "rows": []}
+    if path.exists():
+        stored = json.loads(path.read_text())
     if stored["sizes"] != sizes:
         raise ValueError(
             f"{path} has results of {stored['sizes']}, not of {sizes}. Move it away, or give the "
@@ -156,7 +158,7 @@ def study(
 def row_of(setting: Setting, vehicles: int, episodes: int, seed: int) -> dict[str, Any]:
     """Standard deviations of the three methods, and how far they are from the paper's."""
     plant, found = setting.plant, {}
-    found["gb"] = rms(_gray_box(plant, setting, episodes, seed))
+    found["gb"] = rms(gray_box(plant, setting, episodes, seed))
     data = examples(plant, vehicles, seed, Armax(setting.Ts_armax))
     lost = 1 - float(data.usable.mean())
     for name in ("ts-ff", "ts-gbm"):
@@ -201,7 +203,7 @@ def varied(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[dict[str,
         yield name, sorted(alone, key=lambda row: levels.index(row["setting"][name]))
 
 
-def _gray_box(plant: Plant, setting: Setting, episodes: int, seed: int) -> Array:
+def gray_box(plant: Plant, setting: Setting, episodes: int, seed: int) -> Array:
     """Least standard deviations (E, 2) of a gray box that estimates more than two parameters."""
     found = []
     for first in range(0, episodes, _BLOCK):
