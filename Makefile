@@ -74,7 +74,7 @@ results: reproduce accuracy robustness closed-loops ## everything in results/: a
 	@$(BIN)/python scripts/make_results.py
 
 accuracy: $(STAMP) ## results/accuracy.md and its tables; about an hour
-	@for study in ratios trust budget learning million; do \
+	@for study in ratios trust budget learning million minimax; do \
 		echo "==> scripts/accuracy.py $$study"; \
 		$(BIN)/python scripts/accuracy.py $$study || exit 1; \
 	done

@@ -5,6 +5,7 @@ python scripts/accuracy.py trust      # faulty recordings, unusual ones, interva
 python scripts/accuracy.py budget     # what each stage of a tuner loses
 python scripts/accuracy.py learning   # 100 to 100 000 training vehicles
 python scripts/accuracy.py million    # the worst of a million episodes
+python scripts/accuracy.py minimax    # trained for the worst case over the prior
 python scripts/accuracy.py page       # results/accuracy.md from the tables of the others
 
 `ratios --keep` makes only the rows that the stored table lacks; `learning` and `million` go on
@@ -19,7 +20,7 @@ from pathlib import Path
 import click
 
 import tuners
-from studies import accuracy_page, budget, learning, million, ratios, readme, trusting
+from studies import accuracy_page, budget, learning, million, minimax, ratios, readme, trusting
 from studies.plots import save
 from studies.program import counted, folders, program, seed
 from tuners.cli.arguments import COUNT
@@ -80,12 +81,20 @@ def of_million(given: Settings, path: Path, bars: Bars) -> str:
     return million.to_markdown(found)
 
 
+def of_minimax(given: Settings, path: Path, bars: Bars) -> str:
+    episodes = given.episodes or 12_800
+    rows = minimax.study(episodes, progress=bars)
+    write_text(path, minimax.to_json(rows, episodes))
+    return minimax.to_markdown(rows)
+
+
 STUDIES: dict[str, Callable[[Settings, Path, Bars], str]] = {
     "ratios": of_ratios,
     "trust": of_trust,
     "budget": of_budget,
     "learning": of_learning,
     "million": of_million,
+    "minimax": of_minimax,
 }
 
 

@@ -160,18 +160,18 @@ def run(
         row("gb", shipped("gb"), fixed, "–", close),
         row("ts-ff-lag", shipped("ts-ff-lag"), fixed, vehicles, episodes),
         row("ts-ff-lag", shipped("ts-ff-lag"), fixed, vehicles, close),
-        row("ts-poly-any", shipped("ts-poly-any"), fixed, of_poly, close, plant),
+        row("ts-poly-any", shipped("ts-poly-any"), fixed, of_poly, episodes, plant),
         row("gb", partial(load, "gb", random), varied, "–", episodes),
         row("ts-ff-lag", shipped("ts-ff-lag"), varied, vehicles, episodes, random),
         row(
             "ts-ff-lag, 16 functions", partial(trained, RANDOM, random), varied, vehicles, episodes
         ),
-        row("ts-poly-any", shipped("ts-poly-any"), varied, of_poly, close, random),
+        row("ts-poly-any", shipped("ts-poly-any"), varied, of_poly, episodes, random),
         row("gb", partial(load, "gb", speeds), anywhere, "–", episodes),
         row("ts-ff-lag-vx", shipped("ts-ff-lag-vx"), anywhere, of_every, close),
         row("ts-ff-lag-vx", shipped("ts-ff-lag-vx"), everything, of_every, episodes, both),
-        row("ts-poly-any", shipped("ts-poly-any"), anywhere, of_poly, close, speeds),
-        row("ts-poly-any", shipped("ts-poly-any"), everything, of_poly, close),
+        row("ts-poly-any", shipped("ts-poly-any"), anywhere, of_poly, episodes, speeds),
+        row("ts-poly-any", shipped("ts-poly-any"), everything, of_poly, episodes),
         row("ts-gbm-lag", shipped("ts-gbm-lag"), fixed, vehicles, episodes),
         row(alone, partial(trained, TREES, plant), fixed, vehicles, episodes),
         row(

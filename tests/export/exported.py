@@ -14,6 +14,7 @@ from tuners.features.response import FrequencyResponse
 from tuners.learners.actor import Actor, Agent
 from tuners.learners.feedforward import FeedForward, FeedForwardSettings, _Scaling
 from tuners.learners.gbm import GBMSettings
+from tuners.learners.polynomial import PolynomialSettings
 from tuners.learners.trend import TrendSettings
 from tuners.trust.black_box import suited_to_any_input
 from tuners.tuner.stages import Stages, coordinates_of
@@ -75,6 +76,7 @@ CASES = {
     "gains of a loop": (dc_motor.plant, MOTOR, SMALL, "gains"),
     "loop": (dc_motor.plant, MOTOR, TrendSettings(SMALL)),
     "frequency response": (dc_motor.plant, RESPONSE, SMALL),
+    "cubic": (described(), LAGUERRE, PolynomialSettings(degree=3)),
     "trees": (SLOPED, LAGUERRE, TrendSettings(TREES)),
     "agent": (SLOPED, LAGUERRE, Untrained("relu", True)),
     "agent, clipped": (dc_motor.plant, MOTOR, Untrained("tanh", False)),
@@ -85,7 +87,7 @@ CASES = {
 OWN_INPUTS = [name for name, (plant, *_) in CASES.items() if plant.excite]
 SINGLE = "trees", "agent", "agent, clipped"
 """In single precision."""
-NETWORKS = [name for name in CASES if name not in SINGLE]
+NETWORKS = [name for name in CASES if name not in (*SINGLE, "cubic")]
 
 
 def hardly_trained(plant, features, learner, parametrisation="plant"):

@@ -231,7 +231,7 @@ def refusals():
         (echoing(vehicle, 3), ("onnx", "c"), "has 3 features"),
         (echoing(random), ("onnx",), "features=True"),
         (trained("regularised inputs"), ("onnx",), "features=True"),
-        *((trained(case), ("c",), "features=True") for case in ("trees", "agent")),
+        *((trained(case), ("c",), "features=True") for case in ("trees", "agent", "cubic")),
         *((tuners.load(name), ("onnx", "c"), "Export ts-ff-lag")
           for name in ("ts-ff", "ts-gbm", "gb", "nominal")),
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""The polynomial as a learner, and the minimax one."""
+"""The polynomial as a learner."""
 
 import numpy as np
 import pytest
