@@ -1,6 +1,7 @@
 """The tuners by name: how each is trained, and where a trained one is found."""
 
 import os
+import warnings
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
@@ -23,10 +24,11 @@ from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import BlackBoxRule, GrayBox, Nominal, Oracle
-from tuners.tuner.simulations import of_others, shown, simulating
+from tuners.tuner.simulations import of_others, shown, simulating, slowness
 from tuners.tuner.stages import Recipe, Stages
 from tuners.tuner.training import (
     CALIBRATION,
+    begin,
     check_calibration,
     expected,
     finished,
@@ -145,6 +147,8 @@ def train(
         known, recipe = recipe_named(what)
         plant = yaw_rate(_task(known)) if plant is None else find(plant)
     prior_gains(plant)  # refuses a plant of which nothing can be learned
+    if said := slowness(plant):
+        warnings.warn(said, stacklevel=2)
     count = episodes or (plants_for(plant) if recipe is None else recipe.episodes)
     total = expected(plant, count, calibration or 0)
     with (
@@ -152,6 +156,8 @@ def train(
         simulating(plant, workers, scheduler, checkpoint, bars, total) as ready,
     ):
         report = of_others(plant, bars)
+        if plant.slow:
+            begin(ready, count, calibration or 0, seed)
         stages, training = fit(
             ready, recipe or recipe_for(ready), count=episodes, seed=seed, name=name or known,
             data=data, progress=report,

@@ -143,7 +143,7 @@ def test_data_simulated_before_or_during_training_are_the_same_and_the_seed_deci
 class Spy:
     """Keeps what it is given to learn from."""
 
-    def fit(self, training, validation, random_state, progress):
+    def fit(self, training, validation, random_state, progress=None):
         ((self.X, self.T),), ((self.X_val, self.T_val),) = training, validation
         return TREES.fit(training, validation, random_state)
 
