@@ -4,8 +4,8 @@
     python scripts/slow_plant.py --seconds 0.2 --workers 4
 
 The plant is the lag of docs/plants.md; its simulator waits as long as asked.  Printed are the
-simulations of a default training, its time beside that of the simulations alone, and the simulations
-that one recording takes.
+simulations of a default training, its time beside that of the simulations alone, and how many
+simulations one recording takes.
 """
 
 import time

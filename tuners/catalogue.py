@@ -19,6 +19,7 @@ from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
 from tuners.trust.emulator import PREFIX, OutputEmulator, with_emulator
 from tuners.tuner import tuner_file
+from tuners.tuner.against_bound import tell
 from tuners.tuner.direct import FictitiousReference, VirtualReference
 from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
@@ -164,6 +165,7 @@ def train(
         )  # fmt: skip
         tuner = finished(ready, stages, training, calibration or 0, report)
     tuner.plant = with_emulator(plant, tuner.plant.emulator)
+    tell(tuner)
     return tuner
 
 
