@@ -1,6 +1,7 @@
 """The tuners by name: how each is trained, and where a trained one is found."""
 
 import os
+import warnings
 from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
@@ -19,16 +20,18 @@ from tuners.learners.polynomial import PolynomialSettings
 from tuners.learners.trend import TrendSettings
 from tuners.trust.emulator import PREFIX, OutputEmulator, with_emulator
 from tuners.tuner import tuner_file
+from tuners.tuner.against_bound import tell
 from tuners.tuner.direct import FictitiousReference, VirtualReference
 from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
 from tuners.tuner.notes import hidden
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import BlackBoxRule, GrayBox, Nominal, Oracle
-from tuners.tuner.simulations import of_others, shown, simulating
+from tuners.tuner.simulations import of_others, shown, simulating, slowness
 from tuners.tuner.stages import Recipe, Stages
 from tuners.tuner.training import (
     CALIBRATION,
+    begin,
     check_calibration,
     expected,
     finished,
@@ -156,6 +159,8 @@ def train(
         known, recipe = recipe_named(what)
         plant = yaw_rate(_task(known)) if plant is None else find(plant)
     prior_gains(plant)  # refuses a plant of which nothing can be learned
+    if said := slowness(plant):
+        warnings.warn(said, stacklevel=2)
     count = episodes or (plants_for(plant) if recipe is None else recipe.episodes)
     total = expected(plant, count, calibration or 0)
     with (
@@ -163,12 +168,15 @@ def train(
         simulating(plant, workers, scheduler, checkpoint, bars, total) as ready,
     ):
         report = of_others(plant, bars)
+        if plant.slow:
+            begin(ready, count, calibration or 0, seed)
         stages, training = fit(
             ready, recipe or recipe_for(ready), count=episodes, seed=seed, name=name or known,
             data=data, progress=report,
         )  # fmt: skip
         tuner = finished(ready, stages, training, calibration or 0, report)
     tuner.plant = with_emulator(plant, tuner.plant.emulator)
+    tell(tuner)
     return tuner
 
 

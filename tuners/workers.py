@@ -47,6 +47,10 @@ class Pool:
     def __init__(self, executor: Executor | None = None, size: Size = lambda: 1) -> None:
         self._executor, self._size = executor, size
 
+    def begin(self, work: Callable[[Job], Result], job: Job) -> Future[Result] | None:
+        """Begin a job that is needed later; None where there is nobody else to do it."""
+        return None if self._executor is None else self._executor.submit(work, job)
+
     def results(
         self, work: Callable[[Job], Result], jobs: Iterator[Job]
     ) -> Iterator[tuple[Job, Result]]:

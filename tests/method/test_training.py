@@ -143,7 +143,7 @@ def test_data_simulated_before_or_during_training_are_the_same_and_the_seed_deci
 class Spy:
     """Keeps what it is given to learn from."""
 
-    def fit(self, training, validation, random_state, progress):
+    def fit(self, training, validation, random_state, progress=None):
         ((self.X, self.T),), ((self.X_val, self.T_val),) = training, validation
         return TREES.fit(training, validation, random_state)
 
@@ -280,6 +280,8 @@ def test_a_training_says_what_its_user_should_know():
     tuner = Tuner(lag, tuners.load("gb", lag).method, {"ratio": {"a [deg]": 1.0, "b": 1.4}})
     (said,) = remarks(tuner)
     assert "b is 1.40 times the bound" in said
+    with pytest.warns(UserWarning, match="prior"):
+        tuners.train(Recipe(Laguerre(4, 2.0), TREES), described(design=half), episodes=60)
     assert share_without_gains(described(design=half)) == pytest.approx(0.5, abs=0.1)
     tuner.training |= {"ratio": {"b": 1.1}, "without_gains": 0.3}
     (said,) = remarks(tuner)

@@ -1,5 +1,6 @@
 """``yawrate train``."""
 
+from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,8 +21,11 @@ if TYPE_CHECKING:
 
 VALIDATION = 300
 
-CALIBRATION = 2000
-"""Episodes that calibrate the intervals."""
+CALIBRATION, OF_SLOW = 2000, 500
+"""Episodes that calibrate the intervals, and those of a slow plant."""
+
+KEPT = ".simulations"
+"""Ends the name of the file beside the tuner that keeps a slow plant's simulations meanwhile."""
 
 ENOUGH, LEAKS = 100, 0.7
 """Test episodes, and the share of the least error, below which an error is too good to be true."""
@@ -47,8 +51,20 @@ USUAL = 0.95
     show_default=True,
     help="Seed of the episodes, the split and the learner.",
 )
+@click.option("--workers", type=COUNT, help="Processes, for a slow plant. [default: one a core]")
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Address of a Dask scheduler, or local for a cluster of --workers, for a slow plant.",
+)
 def command(
-    vehicle: Path | None, folder: Path | None, out: Path, episodes: int | None, seed: int
+    vehicle: Path | None,
+    folder: Path | None,
+    out: Path,
+    episodes: int | None,
+    seed: int,
+    workers: int | None,
+    scheduler: str | None,
 ) -> None:
     """Train a tuner for a vehicle or another plant, and print its accuracy.
 
@@ -63,6 +79,9 @@ def command(
     Another plant than a vehicle is one line of TOML, entry = "module:attribute" in
     [plant]; the module is found beside the file.
 
+    A plant described with slow=True is simulated in processes, and what is simulated is kept
+    beside the tuner until that is finished: call an interrupted training again to continue it.
+
     With --data all is learned from that folder's episodes, a part of them in memory at a
     time.  The folder says what it is of: a --vehicle must be the same, or is left out.
     """
@@ -74,8 +93,12 @@ def command(
     import tuners
     from tuners.cli.progress import Bars
     from tuners.trust.distinction import distinction
+    from tuners.trust.emulator import with_emulator
+    from tuners.tuner import emulator_check
     from tuners.tuner.against_bound import remarks
     from tuners.tuner.hidden_faults import as_record, hidden_faults, sentences
+    from tuners.tuner.simulations import simulating, slowness
+    from tuners.tuner.training import recipe_for_logs
 
     given = None if folder is not None and vehicle is None else plant_from(vehicle)
     if folder is None:
@@ -85,30 +108,45 @@ def command(
         from tuners import data
 
         plant = data.Folder(folder, given).recipe.plant
-    for sentence in distinction(plant).sentences():
-        click.echo(sentence)
+    if slowly := slowness(plant):
+        click.echo(f"Note: {slowly}")
+    kept = out.with_name(f"{out.name}{KEPT}") if plant.slow else None
+
+    def ready(bars: Bars | None = None) -> AbstractContextManager[Plant]:
+        return simulating(plant, workers, scheduler, kept, bars)
+
+    with ready() as quick:
+        for sentence in distinction(quick).sentences():
+            click.echo(sentence)
+        recipe = recipe_for_logs(quick)
     with Bars() as bars:
         if folder is not None:
             tuner = data.train(folder, plant=plant, seed=seed, progress=bars)
         else:
-            from tuners.tuner.training import recipe_for_logs
-
-            recipe = recipe_for_logs(plant)
             tuner = tuners.train(
-                recipe, plant, episodes=episodes, seed=seed, calibration=CALIBRATION, progress=bars
-            )
-    hidden = hidden_faults(tuner, seed)
-    tuner.training["hides"] = as_record(hidden)
+                recipe, plant, episodes=episodes, seed=seed, progress=bars, workers=workers,
+                calibration=OF_SLOW if plant.slow else CALIBRATION, scheduler=scheduler,
+                checkpoint=kept,
+            )  # fmt: skip
+    with Bars() as bars, ready(bars) as quick:
+        emulator, trained = tuner.plant.emulator, tuner.plant
+        tuner.plant = with_emulator(quick, emulator)
+        hidden = hidden_faults(tuner, seed)
+        tuner.training["hides"] = as_record(hidden)
+        measured = accuracy(tuner, seed)
+        tuner.plant = trained
     tuner.save(out)
-    said = [f"{out}: {accuracy(tuner, seed)}", *remarks(tuner), *sentences(hidden)]
-    click.echo("\n".join(said))
+    if kept is not None:
+        kept.unlink(missing_ok=True)
+    said = [f"{out}: {measured}", *remarks(tuner), *sentences(hidden)]
+    click.echo("\n".join([*said, *emulator_check.sentences(tuner.training)]))
 
 
 def accuracy(tuner: "Tuner", seed: int) -> str:
     """Root mean square errors on test plants, beside the bound, and how many are usable."""
     from tuners.tuner.comparison import TUNER, compare
 
-    found = compare(tuner, VALIDATION, seed)
+    found = compare(tuner, VALIDATION, seed, gray_box=False)
     bounds = (_rms(each) for each in (found.bound, found.informed))
     errors = [
         f"{metric_name(name)} {quantity(rms, unit_of(name), 2)} rms ("

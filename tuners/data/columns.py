@@ -4,7 +4,7 @@
 |---|---|---|
 | `episode` | int64 | number within the seed |
 | the prior's parameters | float64 | the plant |
-| `laguerre_1` ... or `armax_1` ... | float64 | features; those of measured parameters come last |
+| `laguerre_1`, `armax_1`, `feature_1` ... | float64 | features; measured parameters' come last |
 | `usable` | bool | the features converged and the design rule reaches its target |
 | the gains | float64 | of the design rule |
 | the coordinates | float64 | the same gains as the learner predicts them |
@@ -26,7 +26,14 @@ Columns = dict[str, NDArray[Any]]
 
 SIGNALS = "u", "y"
 
-_FEATURE = re.compile(rf"({'|'.join(FEATURES)})_\d+")
+_OWN = "feature"
+_FEATURE = re.compile(rf"({'|'.join((*FEATURES, _OWN))})_\d+")
+
+
+def feature_names(stage: str, count: int) -> list[str]:
+    """Names of the columns of a first stage's features."""
+    kind = stage if stage in FEATURES else _OWN
+    return [f"{kind}_{i}" for i in range(1, count + 1)]
 
 
 def features_in(names: Iterable[str]) -> list[str]:

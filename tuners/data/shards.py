@@ -13,7 +13,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from tuners.data.columns import SIGNALS, Columns, coordinate_names, features_in, units
+from tuners.data.columns import (
+    SIGNALS,
+    Columns,
+    coordinate_names,
+    feature_names,
+    features_in,
+    units,
+)
 from tuners.data.manifest import Configuration, DatasetError, Shard
 from tuners.features import settings_of
 from tuners.tuner.examples import Examples, examples_of
@@ -117,7 +124,7 @@ def _of_examples(rows: Examples, recipe: Configuration) -> Columns:
     return {
         "episode": rows.number,
         **dict(zip(plant.prior, rows.theta.T, strict=True)),
-        **{f"{stage}_{i}": column for i, column in enumerate(rows.features.T, start=1)},
+        **dict(zip(feature_names(stage, rows.features.shape[1]), rows.features.T, strict=True)),
         "usable": rows.usable,
         **dict(zip(plant.gains, rows.gains.T, strict=True)),
         **dict(zip(coordinate_names(plant), coordinates.T, strict=True)),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tuners.data.folder import Folder, check
 from tuners.data.manifest import DatasetError
 from tuners.trust.emulator import with_emulator
+from tuners.tuner.against_bound import tell
 from tuners.tuner.simulations import of_others, shown, simulating
 from tuners.tuner.stages import LEAST_USABLE, Recipe, Stages, coordinates_of, training_split
 from tuners.tuner.training import (
@@ -78,6 +79,7 @@ def train(
     with shown(known.plant, progress) as bars, simulating(known.plant, progress=bars) as plant:
         tuner = finished(plant, stages, training, calibration, of_others(plant, bars))
     tuner.plant = with_emulator(known.plant, tuner.plant.emulator)
+    tell(tuner)
     return tuner
 
 

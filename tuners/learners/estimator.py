@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from tuners.learners.batches import Batches, Progress, gathered
 from tuners.learners.scaling import Scaling
+from yawrate_env.compiled import cores
 
 Array = NDArray[np.float64]
 
+_ROWS_FOR_THREADS = 20_000
 _KNOWN = "sklearn.", "numpy.", "scipy."
 
 
@@ -40,17 +42,19 @@ class EstimatorSettings:
     ) -> "Estimator":
         """Train on batches of (m, n) features and (m, t) targets; `validation` is not used."""
         from sklearn.base import clone
+        from threadpoolctl import threadpool_limits
 
         X, T = gathered(training)
         scaling, models = Scaling.of(X, T), []
         X, T = scaling.features(X), scaling.targets(T)
+        threads = cores() if len(X) >= _ROWS_FOR_THREADS else 1
         for k in range(T.shape[1]):
             model = clone(self.estimator)
-            seeds = (
-                n for n, v in model.get_params().items() if n.endswith("random_state") and v is None
-            )
+            given = model.get_params().items()
+            seeds = (name for name, v in given if name.endswith("random_state") and v is None)
             model.set_params(**dict.fromkeys(seeds, random_state))
-            models.append(model.fit(X, T[:, k]))
+            with threadpool_limits(threads):
+                models.append(model.fit(X, T[:, k]))
             if progress is not None:
                 progress(k + 1, T.shape[1])
         return Estimator(models, scaling)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from tuners.learners.batches import Batches, Progress, gathered
 from tuners.learners.scaling import Scaling
+from tuners.learners.threads import threads
+from yawrate_env.compiled import cores
 from yawrate_env.plant import entry
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ Array = NDArray[np.float64]
 Build = Callable[[int, int], "torch.nn.Module"]
 
 _STATE = "state."
+_MANY = 1_000_000  # numbers: fewer are trained on sooner by one thread
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +68,10 @@ class TorchSettings:
         scaling = Scaling.of(X, T)
         x, t, xv, tv = (
             torch.from_numpy(a)
-            for X, T in ((X, T), checked)
-            for a in (scaling.features(X), scaling.targets(T))
+            for own, targets in ((X, T), checked)
+            for a in (scaling.features(own), scaling.targets(targets))
         )
-        with torch.random.fork_rng(devices=[]):
+        with torch.random.fork_rng(devices=[]), threads(cores() if X.size >= _MANY else 1):
             torch.manual_seed(random_state)
             module = _built(self.build, x.shape[1], t.shape[1])
             self._train(module, x, t, xv, tv, progress)

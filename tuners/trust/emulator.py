@@ -62,8 +62,7 @@ class OutputEmulator:
     @classmethod
     def of(cls, plant: Plant, theta: Array) -> "OutputEmulator":
         """Simulate plants (B, p) of the prior, some of them, and others beyond it."""
-        inside = theta[: OF_STEPS if plant.linear else NODES]
-        theta = np.concatenate([inside, _beyond(plant)])
+        theta = nodes_of(plant, theta)
         y = plant.respond(theta, probe(plant))
         known = np.isfinite(y).all(axis=1)
         theta, y = theta[known], y[known]
@@ -128,6 +127,12 @@ def with_emulator(plant: Plant, emulator: Emulator | None) -> Plant:
 def probe(plant: Plant) -> Array:
     """Input (N,) to which the emulated outputs answer: the experiment's, or a step as large."""
     return np.full(len(plant.u), np.abs(plant.u).max()) if plant.linear else plant.u
+
+
+def nodes_of(plant: Plant, theta: Array) -> Array:
+    """Plants to simulate: some (B, p) of the prior, and others beyond it."""
+    inside = theta[: OF_STEPS if plant.linear else NODES]
+    return np.concatenate([inside, _beyond(plant)])
 
 
 def coordinates(plant: Plant, theta: Array) -> Array:

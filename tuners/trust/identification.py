@@ -58,6 +58,13 @@ class Identified:
     converged: NDArray[np.bool_]
     steps: NDArray[np.int64]
 
+    @classmethod
+    def none(cls, start: Array) -> "Identified":
+        """Searches that never left their start (B, p)."""
+        count = len(start)
+        nothing = np.zeros(count, dtype=np.int64)
+        return cls(start, np.full(count, np.inf), nothing.astype(np.bool_), nothing)
+
 
 @dataclass(frozen=True, slots=True)
 class Differences:

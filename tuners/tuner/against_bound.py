@@ -4,6 +4,8 @@ A learner that is near the bound answers where the fitted plant confirms its gai
 answers worse than the design rule does for the fitted plant, and only begins the search for it.
 """
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,6 +65,12 @@ def remarks(tuner: Tuner) -> list[str]:
             "the prior."
         )
     return said
+
+
+def tell(tuner: Tuner) -> None:
+    """Warn the caller of a training of what `remarks` has to say."""
+    for sentence in remarks(tuner):
+        warnings.warn(sentence, stacklevel=3)
 
 
 def _ratio(errors: Array, bound: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.trust.bound import bounds
-from tuners.trust.identification import identify, identify_from_several
+from tuners.trust.identification import Identified, identify, identify_from_several
 from tuners.trust.verdict import Verdict
 from tuners.tuner.evaluation import pieces
 from tuners.tuner.recording import Recording
@@ -75,18 +75,20 @@ class _Compared:
     covered: NDArray[np.bool_]
 
 
-def compare(tuner: Tuner, count: int, seed: int) -> Comparison:
+def compare(tuner: Tuner, count: int, seed: int, *, gray_box: bool = True) -> Comparison:
     """Tune the first `count` episodes of the ``test`` set with the tuner and its references.
 
-    The gray box is the plant's own simulator, fitted within the prior from its middle, or
-    from several points.
+    Parameters
+    ----------
+    gray_box : bool
+        Whether the plant's own simulator is among these, fitted within the prior from its middle,
+        and from several points.
     """
     blocks = pieces(tuner.plant, "test", seed, count, BLOCK)
-    rows = concatenate([_compared(tuner, block) for block in blocks])
+    rows = concatenate([_compared(tuner, block, gray_box) for block in blocks])
     errors = {
         TUNER: rows.tuner,
-        GRAY_BOX: rows.gray_box,
-        SEVERAL: rows.several,
+        **({GRAY_BOX: rows.gray_box, SEVERAL: rows.several} if gray_box else {}),
         NOMINAL: rows.nominal,
         ORACLE: np.where(np.isnan(rows.bound), np.nan, 0.0),
     }
@@ -95,24 +97,27 @@ def compare(tuner: Tuner, count: int, seed: int) -> Comparison:
     )
 
 
-def _compared(tuner: Tuner, block: Episodes) -> _Compared:
+def _compared(tuner: Tuner, block: Episodes, gray_box: bool) -> _Compared:
     plant, theta = tuner.plant, block.theta
     recording = Recording(block.u, block.y, plant.Ts, theta)
     gains, found = tuner.assess(recording)
     start = recording.parameters(plant)
-    gray_box = identify(plant, block.u, block.y, start)
-    several = identify_from_several(plant, block.u, block.y, start)
+    if gray_box:
+        alone = identify(plant, block.u, block.y, start)
+        several = identify_from_several(plant, block.u, block.y, start)
+    else:
+        alone = several = Identified.none(start)
     right = plant.metric_values(theta, plant.oracle(theta))
     actual = plant.metric_values(theta, gains.values)
     nominal = np.tile(plant.oracle(plant.middle), (len(theta), 1))
     with np.errstate(invalid="ignore"):
         return _Compared(
             actual - right,
-            plant.metric_values(theta, plant.oracle(gray_box.theta)) - right,
+            plant.metric_values(theta, plant.oracle(alone.theta)) - right,
             plant.metric_values(theta, plant.oracle(several.theta)) - right,
             plant.metric_values(theta, nominal) - right,
             *bounds(plant, theta, block.u),
             found.verdicts,
-            gray_box.converged,
+            alone.converged,
             np.abs(actual - found.metrics) <= np.array(tuner.calibration) * found.spread,
         )

@@ -9,9 +9,12 @@ import os
 import sqlite3
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import lru_cache, partial
 from hashlib import blake2b
+from threading import Lock
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -27,6 +30,9 @@ from yawrate_env.plant.plant import Plant
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 Job = tuple[bytes, bytes, Array, Array, Any]
+Answer = tuple[Array, bool]
+
+_LONG = 0.03  # seconds of a simulation that is called slow
 
 STAGE = "simulating"
 """Name of the stage that reports count simulations under."""
@@ -53,39 +59,72 @@ class Simulations:
 
     def __init__(
         self,
-        work: Callable[[Job], tuple[Array, bool]],
+        work: Callable[[Job], Answer],
         workers: Pool,
         store: "Store",
         report: Callable[[int, int], None],
     ) -> None:
         self._work, self._pool, self._store, self._report = work, workers, store, report
+        self._begun: dict[bytes, Future[Answer]] = {}
 
     def __call__(self, theta: Array, u: Array, rng: Any = None) -> Array:
         """Outputs (B, N) of plants (B, p) for an input (N,), or (B, N)."""
         rngs = [None] * len(theta) if rng is None else rng.spawn(len(theta))
         inputs = np.atleast_2d(u)
         jobs = [_job(theta[i], inputs[i % len(inputs)], each) for i, each in enumerate(rngs)]
+        self._wait([self._begun[job[0]] for job in jobs if job[0] in self._begun])
         missing = {job[1]: job for job in jobs if self._known(job) is None}
         end = len(self._store) + len(missing)
         for job, (y, random) in self._pool.results(self._work, iter(missing.values())):
-            self._store.put(job[1] if random else job[0], y)
+            self._store.put(job[1] if random or job[-1] is None else job[0], y)
             self._report(len(self._store), end)
         return np.array([self._known(job) for job in jobs])
 
+    def ahead(self, theta: Array, u: Array) -> None:
+        """Begin simulations that will be asked for, of plants (B, p) with an input (N,)."""
+        rng = np.random.default_rng(0)
+        for i, each in enumerate(theta):
+            job = _job(each, u, rng)
+            if job[0] in self._begun or self._store.get(job[0]) is not None:
+                continue
+            begun = self._pool.begin(self._work, job)
+            if begun is None or (i == 0 and begun.exception() is None and begun.result()[1]):
+                return  # where random numbers count they must be those of the episode
+            begun.add_done_callback(partial(self._keep, job[0]))
+            self._begun[job[0]] = begun
+
+    def cancel(self) -> None:
+        """Give up what was begun ahead and not asked for."""
+        for begun in self._begun.values():
+            begun.cancel()
+
+    def _keep(self, key: bytes, begun: "Future[Answer]") -> None:
+        """Keep an output as soon as it is there; where it failed it fails when it is asked for."""
+        if begun.cancelled() or begun.exception() is not None:
+            return
+        y, random = begun.result()
+        if not random:
+            self._store.put(key, y)
+
+    def _wait(self, asked: "list[Future[Answer]]") -> None:
+        """Wait for what was begun ahead."""
+        for begun in asked:
+            begun.exception()
+            self._report(len(self._store), len(self._store))
+
     def _known(self, job: Job) -> Array | None:
-        """The output, if it was simulated before: with these random numbers, or without any."""
+        """The output, if it was simulated before: with these random numbers, or using none."""
         found = self._store.get(job[0])
         return self._store.get(job[1]) if found is None else found
 
 
 def _job(theta: Array, u: Array, rng: Any) -> Job:
-    """A plant to simulate, after its keys: without, and with, its random numbers."""
+    """A plant to simulate, after its keys: where it used no random numbers, and with these."""
     key = blake2b(theta.tobytes(), digest_size=16)
     key.update(u.tobytes())
-    with_random = key.copy()
-    if rng is not None:
-        with_random.update(repr(rng.bit_generator.state).encode())
-    return key.digest(), with_random.digest(), theta, u, rng
+    drawn = key.copy()
+    drawn.update(b"none" if rng is None else repr(rng.bit_generator.state).encode())
+    return key.digest(), drawn.digest(), theta, u, rng
 
 
 class Store:
@@ -100,11 +139,15 @@ class Store:
     """
 
     def __init__(self, path: str | os.PathLike[str] | None, plant: Plant) -> None:
-        self._path = path
+        self._path, self._lock = path, Lock()  # of the thread that asks, and of the workers'
         try:
-            self._db = sqlite3.connect(path or "", isolation_level=None, timeout=1.0)
+            self._db = sqlite3.connect(
+                path or "", isolation_level=None, timeout=1.0, check_same_thread=False
+            )
             self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
             self._db.execute("PRAGMA synchronous = OFF")  # a crash of the system may cost the file
+            self._db.execute("BEGIN EXCLUSIVE")  # one training at a time
+            self._db.execute("COMMIT")
             self._db.execute("CREATE TABLE IF NOT EXISTS plants (fingerprint TEXT)")
             self._db.execute(
                 "CREATE TABLE IF NOT EXISTS outputs (key BLOB PRIMARY KEY, y BLOB) WITHOUT ROWID"
@@ -116,20 +159,28 @@ class Store:
                 "file, or the one of the same training when it no longer runs."
             ) from None
         if path is not None:
-            self._check(plant)
+            try:
+                self._check(plant)
+            except BaseException:
+                self.close()
+                raise
 
     def __len__(self) -> int:
         return int(self._count)
 
     def get(self, key: bytes) -> Array | None:
         """The output (N,) with this key, or None."""
-        row = self._db.execute("SELECT y FROM outputs WHERE key = ?", (key,)).fetchone()
+        with self._lock:
+            row = self._db.execute("SELECT y FROM outputs WHERE key = ?", (key,)).fetchone()
         return None if row is None else np.frombuffer(row[0])
 
     def put(self, key: bytes, y: Array) -> None:
         """Keep an output (N,)."""
-        self._db.execute("INSERT OR REPLACE INTO outputs VALUES (?, ?)", (key, y.tobytes()))
-        self._count += 1
+        with self._lock:
+            known = self._db.execute("SELECT 1 FROM outputs WHERE key = ?", (key,)).fetchone()
+            if known is None:
+                self._db.execute("INSERT INTO outputs VALUES (?, ?)", (key, y.tobytes()))
+                self._count += 1
 
     def close(self) -> None:
         """Close the file."""
@@ -148,6 +199,25 @@ class Store:
                 f"checkpoint = {os.fsdecode(self._path or '')!r} is of another plant: since then "
                 f"its {other} changed. Delete it, or name another file."
             )
+
+
+def slowness(plant: Plant) -> str:
+    """A sentence for a plant that should be described as slow and is not; else nothing."""
+    if plant.slow or plant.record is not None:
+        return ""
+    seconds = min(_seconds(plant) for _ in range(2))  # the first call may compile
+    if seconds < _LONG:
+        return ""
+    return (
+        f"simulate takes {1e3 * seconds:.0f} ms a plant, and training calls it more than 100,000 "
+        "times: describe the plant with slow=True, and it takes a few thousand, in processes."
+    )
+
+
+def _seconds(plant: Plant) -> float:
+    begun = perf_counter()
+    plant.respond(plant.middle)
+    return perf_counter() - begun
 
 
 @contextmanager
@@ -201,9 +271,22 @@ def simulating(
         with pool(count, scheduler) as some:
             alone = scheduler is None and count == 1
             work = partial(_alone, plant.simulate, plant.batched) if alone else _sent(plant)
-            yield plant.with_simulator(Simulations(work, some, store, report))
+            simulate = Simulations(work, some, store, report)
+            try:
+                yield plant.with_simulator(simulate)
+                if progress is not None:
+                    progress(STAGE, len(store), len(store))
+            finally:
+                simulate.cancel()
     finally:
         store.close()
+
+
+def ahead(plant: Plant, theta: Array, u: Array) -> None:
+    """Let the workers of a slow plant begin what it will be asked for, plants (B, p)."""
+    begin = getattr(plant.simulate, "ahead", None)
+    if begin is not None:
+        begin(theta, u)
 
 
 @contextmanager
@@ -226,7 +309,7 @@ def of_others(plant: Plant, progress: Progress | None) -> Progress | None:
     return lambda what, done, of: None if what in silent else progress(what, done, of)
 
 
-def _sent(plant: Plant) -> Callable[[Job], tuple[Array, bool]]:
+def _sent(plant: Plant) -> Callable[[Job], Answer]:
     """What other processes do: the simulator is pickled, by value where no module has it."""
     import cloudpickle
 
@@ -239,9 +322,7 @@ def _places(plant: Plant) -> tuple[str, ...]:
     return () if home is None else (str(home),)
 
 
-def _unpacked(
-    simulate: bytes, batched: bool, places: tuple[str, ...], job: Job
-) -> tuple[Array, bool]:
+def _unpacked(simulate: bytes, batched: bool, places: tuple[str, ...], job: Job) -> Answer:
     return _alone(_function(simulate, places), batched, job)
 
 
@@ -254,7 +335,7 @@ def _function(simulate: bytes, places: tuple[str, ...]) -> Callable[..., Any]:
     return function
 
 
-def _alone(simulate: Callable[..., Any], batched: bool, job: Job) -> tuple[Array, bool]:
+def _alone(simulate: Callable[..., Any], batched: bool, job: Job) -> Answer:
     """The output of one plant, and whether its random numbers were used."""
     *_, theta, u, rng = job
     before = None if rng is None else repr(rng.bit_generator.state)

@@ -22,16 +22,19 @@ from tuners.trust.black_box import (
     suited_to_any_input,
 )
 from tuners.trust.checks import Assessment
-from tuners.trust.emulator import BEYOND, NODES, OF_STEPS, OutputEmulator
+from tuners.trust.emulator import BEYOND, NODES, OF_STEPS, OutputEmulator, nodes_of, probe
 from tuners.trust.intervals import conformal
 from tuners.tuner.against_bound import EPISODES, judge
+from tuners.tuner.emulator_check import PLANTS, emulator_shift
 from tuners.tuner.examples import Examples, examples
 from tuners.tuner.recording import Recording
+from tuners.tuner.simulations import ahead
 from tuners.tuner.stages import Recipe, Stages, coordinates_of, train_stages
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.plant.calls import call
 from yawrate_env.plant.episodes import (
+    BLOCK,
     Draw,
     Episodes,
     drawn,
@@ -56,7 +59,7 @@ LEAST_CALIBRATION = 50
 CALIBRATION = 500
 """Episodes that calibrate the intervals by default."""
 
-_TO_FIT = 5  # simulations, about, of a plant to a recording with the help of an emulator
+_TO_FIT = 4  # simulations, about, of a plant to a recording with the help of an emulator
 _DOUBTED = 32  # episodes of one doubtful plant
 _MEASURED = 0.05  # of its value: by how much a measured parameter is off
 _BAND = 0.2, 4.0  # of the crossover: frequencies whose response is a feature
@@ -76,7 +79,9 @@ def plants_for(plant: Plant) -> int:
 def expected(plant: Plant, count: int, calibration: int) -> int:
     """How many simulations the training of a slow plant takes, about."""
     judged = max(calibration, EPISODES) if calibration else 0
-    return count + BEYOND + (OF_STEPS if plant.linear else 0) + judged * (1 + _TO_FIT)
+    checked = 2 * len(plant.unknown) * PLANTS if calibration else 0
+    nodes = BEYOND + (min(OF_STEPS, count) if plant.linear else 0)
+    return count + nodes + judged * (1 + _TO_FIT) + checked
 
 
 def recipe_for_logs(plant: Plant) -> Recipe:
@@ -197,6 +202,20 @@ def fit(
     }
 
 
+def begin(plant: Plant, count: int, calibration: int, seed: int) -> None:
+    """Let the workers of a slow plant begin all simulations whose plants are known already.
+
+    They go on while the learner is trained.
+    """
+    if plant.excite is not None:
+        return
+    judged = max(calibration, EPISODES) if calibration else 0
+    trained = drawn(plant, "train", seed, -(-count // BLOCK) * BLOCK)
+    ahead(plant, trained, plant.u)
+    ahead(plant, nodes_of(plant, trained[: min(count, NODES)]), probe(plant))
+    ahead(plant, drawn(plant, "calibration", seed, -(-judged // BLOCK) * BLOCK), plant.u)
+
+
 def rehearse(plant: Plant, recipe: Recipe) -> None:
     """``ValueError`` where stages do not work, or could not be saved, before any work."""
     theta = np.repeat(plant.middle, 2, axis=0)
@@ -231,6 +250,9 @@ def finished(
     if calibration:
         judge(tuner, seed)
         calibrate(tuner, calibration, seed, progress)
+        if plant.emulator is not None:
+            shift = emulator_shift(tuner, seed)
+            training["emulator"] = {"nodes": len(plant.emulator.arrays()["nodes"]), "shift": shift}
     return tuner
 
 

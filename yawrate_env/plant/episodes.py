@@ -224,6 +224,8 @@ def _draw(
 def drawn(plant: Plant, name: str, seed: int, count: int) -> Array:
     """Parameters (count, p) of the first episodes of a set, which are not simulated."""
     tag, ranges = SETS[validation.one_of("set of episodes", name, tuple(SETS))], plant.ranges
+    if not count:
+        return np.empty((0, len(plant.prior)))
     blocks = (_draw(plant, tag, seed, start, 0, ranges) for start in range(0, count, BLOCK))
     return np.concatenate([block.theta for block in blocks])[:count]
 
