@@ -9,6 +9,7 @@ from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.trust.bound import cramer_rao, parameter_covariance
 from tuners.trust.identification import identify
+from tuners.tuner import hidden_faults
 from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Recipe
 from yawrate_env.plant import Plant
@@ -112,6 +113,18 @@ def test_gray_box_is_on_the_bound_trusted_and_undeceived():
         y[:, j] *= 1.5
         found, _, missed = assessed(y)
         assert missed.sum() >= 35 and not (missed & found.trusted).any()
+
+
+@pytest.mark.slow
+def test_faults_that_a_prior_hides_are_those_of_one_channel(monkeypatch):
+    """Without what crosses, an output's scale is its gain; an input of two levels hides a limit."""
+    monkeypatch.setattr(hidden_faults, "PLANTS", 12)
+    found = {}
+    for name, made in (("apart", described(simulate=apart)), ("crossing", plant)):
+        found[name] = [each.fault for each in hidden_faults.hidden_faults(tuners.load("gb", made))]
+    assert found["crossing"] == []
+    assert {"an output scaled by 1.5 (top)", "an output scaled by 1.5 (bottom)"} < {*found["apart"]}
+    assert sum("actuator" in fault and "(steam)" in fault for fault in found["apart"]) == 1
 
 
 def test_offsets_of_each_output_and_other_sampling_make_no_difference():
