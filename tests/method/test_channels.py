@@ -1,10 +1,12 @@
 """Several inputs and outputs, against plants with one of each, closed forms and counts."""
 
+import gymnasium
 import numpy as np
 import pytest
 from two_by_two import TS, N, U, apart, described, lag, plant
 
 import tuners
+import tuners.data
 from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.trust.bound import cramer_rao, parameter_covariance
@@ -157,6 +159,21 @@ def test_a_trained_tuner_answers_and_is_saved(tmp_path):
     assert np.abs(error).max() < 0.25
     noisier = described(noise=(0.02, 0.06))
     assert changed(noisier, fingerprint(plant)) in ("noise", "recordings")
+
+
+def test_what_knows_one_channel_refuses_several(tmp_path):
+    tuner, block = tuners.load("gb", plant), recorded(plant, "test", 0, 1)
+    recording = Recording(block.u, block.y, TS)
+    for refused in (
+        lambda: gymnasium.make("yawrate_env:yawrate/Plant-v0", plant=plant),
+        lambda: tuner.pool([recording, recording]),
+        lambda: tuner.predict(np.zeros((2, N))),
+        lambda: tuner.tune(*block.u, *block.y, reference=U[0]),
+        lambda: tuners.data.generate(plant, "train", Laguerre(4, 0.1), 64, 0, tmp_path / "d"),
+    ):
+        with pytest.raises(ValueError, match="plant|reference"):
+            refused()
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("changes, name", [
