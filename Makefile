@@ -62,6 +62,16 @@ results: reproduce accuracy robustness closed-loops ## everything in results/: a
 	@$(BIN)/python scripts/compare_rl.py
 	@echo "==> scripts/nonlinear_twin.py"
 	@$(BIN)/python scripts/nonlinear_twin.py --page docs/nonlinear.md
+	@echo "==> scripts/process_plants.py"
+	@$(BIN)/python scripts/process_plants.py --plant fopdt --readme docs/plants.md
+	@$(BIN)/python scripts/process_plants.py --plant fopdt --as "fopdt, 4 levels" \
+		--arguments '{"experiment": {"levels": 4}}' --readme docs/plants.md
+	@$(BIN)/python scripts/process_plants.py --plant fopdt --as "fopdt, multisine" \
+		--arguments '{"experiment": {"kind": "multisine"}}' --readme docs/plants.md
+	@$(BIN)/python scripts/process_plants.py --plant sopdt --faulty 0 --readme docs/plants.md
+	@echo "==> scripts/channels.py, scripts/make_gallery.py"
+	@$(BIN)/python scripts/channels.py examples/plants/wood_berry.py --readme docs/plants.md
+	@$(BIN)/python scripts/make_gallery.py
 	@for plant in dc_motor two_tanks pendulum; do \
 		echo "==> scripts/compare_plant.py $$plant"; \
 		$(BIN)/python scripts/compare_plant.py examples/plants/$$plant.py || exit 1; \

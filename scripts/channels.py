@@ -21,11 +21,22 @@ from yawrate_env.plant.entry import find
 @counted("--recordings", 96, "Of each kind.")
 @seed(help="Of training and recordings.")
 @click.option("--results", type=FOLDER, default=Path("results"), help="Folder for tables.")
-def main(plant: Path, recordings: int, seed: int, results: Path) -> None:
+@click.option("--readme", type=click.Path(exists=True, path_type=Path), help="Page to update.")
+def main(plant: Path, recordings: int, seed: int, results: Path, readme: Path | None) -> None:
     sys.path.insert(0, str(plant.resolve().parent))
     found = find(f"{plant.stem}:plant")
     with Bars() as bars:
-        print(channels.run(found, plant.stem, results, count=recordings, seed=seed, progress=bars))
+        print(
+            channels.run(
+                found,
+                plant.stem,
+                results,
+                count=recordings,
+                seed=seed,
+                progress=bars,
+                readme=readme,
+            )
+        )
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from yawrate_env.plant.entry import find
 )
 @seed(help="Of training and recordings.")
 @click.option("--results", type=FOLDER, default=Path("results"), help="Folder for tables.")
+@click.option("--readme", type=click.Path(exists=True, path_type=Path), help="Page to update.")
 def main(
     plant: str,
     arguments: dict[str, Any],
@@ -36,6 +37,7 @@ def main(
     faulty: int,
     seed: int,
     results: Path,
+    readme: Path | None,
 ) -> None:
     entry = plant if ":" in plant else f"yawrate_env.plants:{plant}"
     described = find(entry, arguments=arguments)
@@ -43,7 +45,7 @@ def main(
         print(
             process_plants.run(
                 described, name or plant, results, count=recordings, faulty=faulty, seed=seed,
-                progress=bars,
+                progress=bars, readme=readme,
             )
         )  # fmt: skip
 

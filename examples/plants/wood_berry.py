@@ -1,6 +1,6 @@
 """A distillation column with two PI loops: two inputs, two outputs, and each acts on both.
 
-    python scripts/compare_plant.py examples/plants/wood_berry.py
+    python scripts/channels.py examples/plants/wood_berry.py
 
 Reflux and steam of a column that separates methanol from water move the compositions at its top and
 bottom (Wood and Berry, Chemical Engineering Science 28, 1973),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.markdown import table
+from studies.readme import updated
 from tuners import Tuner, train
 from tuners.trust.bound import cramer_rao
 from tuners.trust.findings import MISS
@@ -33,7 +34,16 @@ of one input, is multiplied by 1.5. A miss is more than twice a metric's `error`
 _LARGER = 1.5
 
 
-def run(plant: Plant, name: str, results: Path, *, count: int, seed: int, progress: Any) -> str:
+def run(
+    plant: Plant,
+    name: str,
+    results: Path,
+    *,
+    count: int,
+    seed: int,
+    progress: Any = None,
+    readme: Path | None = None,
+) -> str:
     """Train, tune, write; returns the page."""
     tuner = train(plant, seed=seed, progress=progress)
     block = recorded(plant, "test", seed, count)
@@ -48,6 +58,8 @@ def run(plant: Plant, name: str, results: Path, *, count: int, seed: int, progre
     write_text(path, json.dumps(parts, indent=1) + "\n")
     text = page(parts)
     write_text(results / "channels.md", text)
+    if readme is not None:
+        write_text(readme, updated(readme.read_text(), "channels", _rows(parts[name])))
     return text
 
 
@@ -87,23 +99,25 @@ def judged(tuner: Tuner, theta: Array, y: Array) -> dict[str, Any]:
 
 def page(parts: dict[str, Any]) -> str:
     """Every plant's table."""
+    sections = [HEADING]
+    for name, part in sorted(parts.items()):
+        counts = f"{part['recordings']} recordings of each kind, seed {part['seed']}."
+        sections.append(f"## {name}\n\n{counts}\n\n{_rows(part)}")
+    return "\n\n".join(sections) + "\n"
+
+
+def _rows(part: dict[str, Any]) -> str:
     heads = (
         "channel", "error / bound", "90 % intervals hold", "usable", "with care", "missed",
         "trusted and missed",
     )  # fmt: skip
-    sections = [HEADING]
-    for name, part in sorted(parts.items()):
-        rows = [
-            (
-                row["channel"],
-                " / ".join(f"{ratio:.2f}" for ratio in row["over_bound"].values()),
-                " / ".join(f"{100 * share:.1f} %" for share in row["held"].values()),
-                *(row[of] for of in ("usable", "with_care", "missed", "trusted_and_missed")),
-            )
-            for row in part["rows"]
-        ]
-        sections.append(
-            f"## {name}\n\n{part['recordings']} recordings of each kind, seed {part['seed']}.\n\n"
-            + table(heads, rows).strip()
+    rows = [
+        (
+            row["channel"],
+            " / ".join(f"{ratio:.2f}" for ratio in row["over_bound"].values()),
+            " / ".join(f"{100 * share:.1f} %" for share in row["held"].values()),
+            *(row[of] for of in ("usable", "with_care", "missed", "trusted_and_missed")),
         )
-    return "\n\n".join(sections) + "\n"
+        for row in part["rows"]
+    ]
+    return table(heads, rows).strip()

@@ -43,6 +43,7 @@ def run(
 ) -> str:
     """Train, compare and write; returns the plant's section of the page."""
     validation.count("test", test, at_least=20, remedy="Compare on more episodes.")
+    plant.check_single("pictures of this study have", "Use scripts/channels.py.")
     started = time.perf_counter()
     tuner = train(plant, episodes=count, seed=seed, progress=progress)
     trained = time.perf_counter()

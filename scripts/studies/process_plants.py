@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from studies.markdown import table
 from studies.process_recordings import FAULTS, Fault, recordings
+from studies.readme import updated
 from tuners import Tuner, train
 from tuners.trust.bound import cramer_rao
 from tuners.trust.checks import Assessment
@@ -49,6 +50,7 @@ def run(
     faulty: int,
     seed: int,
     progress: Any = None,
+    readme: Path | None = None,
 ) -> str:
     """Train, record, tune, write; returns the plant's section of the page."""
     tuner = train(plant, seed=seed, calibration=CALIBRATION, progress=progress)
@@ -64,6 +66,8 @@ def run(
     results.mkdir(parents=True, exist_ok=True)
     write_text(path, json.dumps(parts, indent=1) + "\n")
     write_text(results / "process_plants.md", page(parts))
+    if readme is not None:
+        write_text(readme, updated(readme.read_text(), "process_plants", overview(parts)))
     return section(name, part)
 
 
@@ -158,13 +162,40 @@ def _missed(plant: Plant, error: Array) -> NDArray[np.bool_]:
 
 def page(parts: Mapping[str, Mapping[str, Any]]) -> str:
     """Every plant's section, after a table of all."""
+    sections = (section(name, parts[name]) for name in sorted(parts))
+    return "\n\n".join([HEADING, summary(parts), *sections]) + "\n"
+
+
+def summary(parts: Mapping[str, Mapping[str, Any]]) -> str:
+    """Accuracy, verdicts and intervals of all plants."""
     heads = (
         "plant", "recordings", "error / bound", "usable", "with care",
         "90 % intervals hold, if exact", "headline",
     )  # fmt: skip
     rows = [(f"`{name}`", *_summary(part["right"])) for name, part in sorted(parts.items())]
-    sections = (section(name, parts[name]) for name in sorted(parts))
-    return "\n\n".join([HEADING, table(heads, rows).strip(), *sections]) + "\n"
+    return table(heads, rows).strip()
+
+
+def overview(parts: Mapping[str, Mapping[str, Any]]) -> str:
+    """`summary`, and by fault the shares that miss and are called usable."""
+    tried = {name: part["faults"] for name, part in sorted(parts.items()) if part["faults"]}
+    if not tried:
+        return summary(parts)
+    heads = ("missed and usable (with care)", *(f"`{name}`" for name in tried))
+    rows = [
+        (
+            fault.name,
+            *(_called_usable(row) for rows in tried.values() for row in rows
+              if row["fault"] == fault.name),
+        )
+        for fault in FAULTS[1:]
+    ]  # fmt: skip
+    return f"{summary(parts)}\n\n{table(heads, rows).strip()}"
+
+
+def _called_usable(row: Mapping[str, Any]) -> str:
+    usable, care = row["usable_and_missed"], row["with_care_and_missed"]
+    return f"{_percent(usable)} ({_percent(care)})"
 
 
 def section(name: str, part: Mapping[str, Any]) -> str:

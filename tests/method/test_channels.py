@@ -1,14 +1,17 @@
 """Several inputs and outputs, against plants with one of each, closed forms and counts."""
 
+import gymnasium
 import numpy as np
 import pytest
 from two_by_two import TS, N, U, apart, described, lag, plant
 
 import tuners
+import tuners.data
 from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.trust.bound import cramer_rao, parameter_covariance
 from tuners.trust.identification import identify
+from tuners.tuner import hidden_faults
 from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Recipe
 from yawrate_env.plant import Plant
@@ -114,6 +117,18 @@ def test_gray_box_is_on_the_bound_trusted_and_undeceived():
         assert missed.sum() >= 35 and not (missed & found.trusted).any()
 
 
+@pytest.mark.slow
+def test_faults_that_a_prior_hides_are_those_of_one_channel(monkeypatch):
+    """Without what crosses, an output's scale is its gain; an input of two levels hides a limit."""
+    monkeypatch.setattr(hidden_faults, "PLANTS", 12)
+    found = {}
+    for name, made in (("apart", described(simulate=apart)), ("crossing", plant)):
+        found[name] = [each.fault for each in hidden_faults.hidden_faults(tuners.load("gb", made))]
+    assert found["crossing"] == []
+    assert {"an output scaled by 1.5 (top)", "an output scaled by 1.5 (bottom)"} < {*found["apart"]}
+    assert sum("actuator" in fault and "(steam)" in fault for fault in found["apart"]) == 1
+
+
 def test_offsets_of_each_output_and_other_sampling_make_no_difference():
     tuner, block = tuners.load("gb", plant), recorded(plant, "test", 3, 1)
     (u,), (y,) = block.u, block.y
@@ -144,6 +159,21 @@ def test_a_trained_tuner_answers_and_is_saved(tmp_path):
     assert np.abs(error).max() < 0.25
     noisier = described(noise=(0.02, 0.06))
     assert changed(noisier, fingerprint(plant)) in ("noise", "recordings")
+
+
+def test_what_knows_one_channel_refuses_several(tmp_path):
+    tuner, block = tuners.load("gb", plant), recorded(plant, "test", 0, 1)
+    recording = Recording(block.u, block.y, TS)
+    for refused in (
+        lambda: gymnasium.make("yawrate_env:yawrate/Plant-v0", plant=plant),
+        lambda: tuner.pool([recording, recording]),
+        lambda: tuner.predict(np.zeros((2, N))),
+        lambda: tuner.tune(*block.u, *block.y, reference=U[0]),
+        lambda: tuners.data.generate(plant, "train", Laguerre(4, 0.1), 64, 0, tmp_path / "d"),
+    ):
+        with pytest.raises(ValueError, match="plant|reference"):
+            refused()
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("changes, name", [

@@ -5,6 +5,7 @@ target    source                          written
 ========  ==============================  ===========================================
 c         gains of a controller           C99 header, source and test with golden
                                           vectors, in a folder
+c         gains of several PI loops       the same of each, and of all of them together
 c         tuner with Laguerre features    the same for both of its stages, from samples
           and a network                   to gains
 c         tuner with Laguerre features,   the same for its first stage
@@ -39,11 +40,13 @@ from tuners.export.documents import (
 )
 from tuners.export.features_program import features_program
 from tuners.export.gains import Gains, plant_settings
+from tuners.export.loops_program import loops_program
 from tuners.export.onnx_tuner import onnx_model
 from tuners.export.pi_program import REALS, pi_program
 from tuners.export.pid_program import pid_program, state_feedback_program
 from tuners.export.schedule_program import GainTable, schedule_program
 from tuners.export.tuner_program import first_stage_program, tuner_program
+from tuners.tuner.result import Result
 from tuners.tuner.schedule import Schedule
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
@@ -63,6 +66,7 @@ __all__ = [
     "first_stage_program",
     "gains_text",
     "json_text",
+    "loops_program",
     "matlab_script",
     "onnx_model",
     "pi_program",
@@ -105,7 +109,7 @@ def export(
         experiment.
     limits : (float, float), optional
         Least and largest command of the controller, in its own unit; by default the plant's
-        ``command_limits``.
+        ``command_limits``.  Of several PI loops ``((low, high), ...)``, a pair for each input.
     real : {"double", "float"}
         Numbers of the controller in C.
     features : bool
@@ -130,6 +134,8 @@ def export(
     if target == "c" and isinstance(source, Tuner):
         files = first_stage_program(source) if features else tuner_program(source)
         return _write_all(where, files)
+    if target == "c" and isinstance(source, Result) and source.plant.channels is not None:
+        return _write_all(where, loops_program(source, limits, Ts, real))  # type: ignore[arg-type]
     gains = Gains.of(source, plant)
     if target == "c":
         return _write_all(where, _program(gains, Ts, limits, real))

@@ -3,7 +3,8 @@
 A covariance for white noise is too small for a residual that is coloured, and says nothing of a
 simulator that is wrong.  So the covariance is a sandwich with the residual's own spectrum, and the
 fit is repeated, by one Gauss-Newton step, on parts of the recording: its halves in time, its low
-and high outputs, and without what a constant and a trend explain.
+and high outputs, and without what a constant and a trend explain, or a curve in the actuator
+(`tuners.trust.actuator_curve`).
 Where a simulator is right, all of them find the same plant but for noise (Hausman, "Specification
 tests in econometrics", 1978); where it is not, the difference that they make to a metric shows how
 much its error may matter.
@@ -54,6 +55,7 @@ class Discrepancy:
         white: Array,
         oversampled: float = 1.0,
         outputs: int = 1,
+        curves: Array | None = None,
     ) -> "Discrepancy":
         """Of fits' output errors (B, N), slopes (B, q, N) and simulated outputs (B, N).
 
@@ -67,6 +69,8 @@ class Discrepancy:
             Samples for each independent one.
         outputs : int
             How many there are, stacked.
+        curves : (B, e, N) float64, optional
+            What curves in the actuator would add to the outputs.
         """
         quiet = np.minimum(_unpatterned(error, oversampled), noise)[:, None, None]
         ridge = noise[:, None, None] / UNIFORM * np.eye(slopes.shape[1])
@@ -86,6 +90,10 @@ class Discrepancy:
         own = slopes @ seen.swapaxes(1, 2)
         shifts.append(2 * (inverse @ (seen @ error[..., None]))[..., 0])
         chance.append(4 * quiet * inverse @ (own - own @ inverse @ own) @ inverse)
+        if curves is not None:
+            apart, by = fitted(_without(curves))
+            shifts.append(apart)
+            chance.append(by)
         errors, parts = (np.split(each, outputs, axis=-1) for each in (error, slopes))
         coloured = [_coloured(e, s, noise) for e, s in zip(errors, parts, strict=True)]
         more = inverse @ np.sum(coloured, axis=0) @ inverse
@@ -114,6 +122,12 @@ def _divisions(simulated: Array, outputs: int) -> tuple[NDArray[np.bool_], ...]:
 
 def _of(mask: NDArray[np.bool_]) -> Callable[[Array], Array]:
     return lambda signals: signals * mask
+
+
+def _without(curves: Array) -> Callable[[Array], Array]:
+    """Signals (B, m, N) without what signals (B, e, N) explain."""
+    Q, _ = np.linalg.qr(curves.swapaxes(1, 2))
+    return lambda signals: np.asarray(signals - (signals @ Q) @ Q.swapaxes(1, 2))
 
 
 def _unpatterned(error: Array, oversampled: float) -> Array:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.trust.actuator_curve import actuator_curves
 from tuners.trust.black_box import BlackBox
 from tuners.trust.discrepancy import Discrepancy
 from tuners.trust.identification import (
@@ -105,7 +106,7 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     if plant.loop_target is None:
         discrepancy = Discrepancy.of(
             error, slopes, simulated, noise, inverse, covariance, model.oversampled,
-            len(plant.outputs_named),
+            len(plant.outputs_named), actuator_curves(plant, theta, model),
         )  # fmt: skip
     return Fit(theta, converged, simulated, error, noise, covariance, discrepancy)
 

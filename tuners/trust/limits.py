@@ -100,7 +100,7 @@ MESSAGES = {
     "halves": "The response changes during the recording: the operating point moves, or "
     "something breaks. Record while all stays as it is.",
     "parts": "Parts of the recording ask for other gains than the whole: the plant is not as "
-    "simulated, drifts or is disturbed.",
+    "simulated, drifts or is disturbed, or its actuator saturates or has a curve.",
     "louder": "The residual is larger than the noise that the plant declares: the sensor is "
     "noisier, or the plant is not as simulated.",
     "pattern": "The residual is not noise but has a pattern: the plant is not as simulated, drifts "

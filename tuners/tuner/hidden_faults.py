@@ -8,6 +8,7 @@ making them: one with which recordings are called usable, without care, and miss
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
+Fault = Callable[[Plant, Recording], Recording]
 
 PLANTS = 48
 """Plants of the ``calibration`` set whose recordings get the faults."""
@@ -56,7 +58,7 @@ def hidden_faults(tuner: Tuner, seed: int = 0) -> list[Hidden]:
     given = Recording(block.u, block.y, plant.Ts, block.theta)
     right = plant.metric_values(block.theta, plant.oracle(block.theta))
     most = MISS * plant.metric_setting("error")
-    for fault, made in _FAULTS.items():
+    for fault, made in _faults(plant).items():
         recording = made(plant, given)
         if len(recording.u) == 1 and stretched(plant, recording):
             continue  # refused for its input
@@ -71,6 +73,37 @@ def hidden_faults(tuner: Tuner, seed: int = 0) -> list[Hidden]:
             cost = dict(zip(plant.counted, rms.tolist(), strict=True))
             found.append(Hidden(fault, float(missed.mean()), cost))
     return sorted(found, key=lambda each: -each.share)
+
+
+def _faults(plant: Plant) -> dict[str, Fault]:
+    """The faults by name; of a plant with several channels those of one of them at a time."""
+    if plant.channels is None:
+        return _FAULTS
+    found: dict[str, Fault] = {}
+    for fault, made in _FAULTS.items():
+        if made is _slow:
+            found[fault] = made
+            continue
+        named = plant.inputs_named if made in _OF_INPUTS else plant.outputs_named
+        for i, name in enumerate(named):
+            found[f"{fault} ({split(name)[0]})"] = partial(_of_channel, made, i)
+    return found
+
+
+def _of_channel(made: Fault, i: int, plant: Plant, given: Recording) -> Recording:
+    """A recording with the fault in channel `i` alone."""
+    whole = made(plant, given)
+    u, y = given.u.copy(), given.y.copy()
+    if made is _reversed:
+        u[:, i] = whole.u[:, i]
+    elif made is _clipped:
+        clipped = given.u.copy()
+        clipped[:, i] = _at_most(given.u)[:, i]
+        assert given.known is not None
+        y = y + plant.respond(given.known, clipped) - plant.respond(given.known, given.u)
+    else:
+        y[:, i] = whole.y[:, i]
+    return replace(given, u=u, y=y)
 
 
 def sentences(hidden: list[Hidden]) -> list[str]:
@@ -105,10 +138,15 @@ def _reversed(plant: Plant, given: Recording) -> Recording:
 
 def _clipped(plant: Plant, given: Recording) -> Recording:
     """The plant's answer to a command of which the actuator gives only a part."""
-    most = _CLIPPED * np.abs(given.u).max(axis=-1, keepdims=True)
     assert given.known is not None
-    less = plant.respond(given.known, np.clip(given.u, -most, most))
+    less = plant.respond(given.known, _at_most(given.u))
     return replace(given, y=given.y + less - plant.respond(given.known, given.u))
+
+
+def _at_most(u: Array) -> Array:
+    """Inputs of an actuator that saturates."""
+    most = _CLIPPED * np.abs(u).max(axis=-1, keepdims=True)
+    return np.clip(u, -most, most)
 
 
 def _offset(plant: Plant, given: Recording) -> Recording:
@@ -120,7 +158,7 @@ def _drifting(plant: Plant, given: Recording) -> Recording:
     return replace(given, y=given.y + line * given.y.std(axis=-1, keepdims=True))
 
 
-_FAULTS: dict[str, Callable[[Plant, Recording], Recording]] = {
+_FAULTS: dict[str, Fault] = {
     f"an output scaled by {_SCALED:g}": _scaled,
     f"an output that is {_LATE:.1%} of the recording late": _late,
     f"a sampling time off by {_SLOW - 1:.0%}": _slow,
@@ -129,6 +167,9 @@ _FAULTS: dict[str, Callable[[Plant, Recording], Recording]] = {
     "an offset of the output": _offset,
     "a drift of the output": _drifting,
 }
+
+
+_OF_INPUTS = _reversed, _clipped
 
 
 def as_record(hidden: list[Hidden]) -> list[dict[str, Any]]:
