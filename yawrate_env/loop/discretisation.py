@@ -1,9 +1,9 @@
 """Exact zero-order hold, batched, with exact derivatives.
 
-``expm([[A, B], [0, 0]] Ts) = [[Ad, Bd], [0, 1]]`` (Van Loan, 1978), and the derivative of an
-exponential is a block of another one, ``expm([[X, 0], [dX, X]]) = [[E, 0], [dE, E]]`` (Najfeld
-and Havel, 1995).  The exponential is a Taylor series of order 16, scaled to norm 1/2 (remainder
-below 1e-19) and squared back; ``scipy.linalg.expm`` spends more on one plant than an episode costs.
+``expm([[A, B], [0, 0]] Ts) = [[Ad, Bd], [0, 1]]`` (Van Loan, 1978).  The exponential is a Taylor
+series of order 16, scaled to norm 1/2 (remainder below 1e-19) and squared back;
+``scipy.linalg.expm`` spends more on one plant than an episode costs.  Derivatives follow every
+product by ``d(P Q) = P dQ + dP Q``: nothing cancels, so they are exact to rounding.
 
 What the kernels need to compile counts: it is most of the time to a first answer.  They work on
 real numbers only, and find their workspace allocated.
@@ -142,24 +142,24 @@ def zoh_with_sensitivity(
     dBd : (B, p, n)
     """
     _, p, n, _ = dA.shape
-    X = augmented(A, B, Ts)
-    m = n + 1
-    both = np.zeros((len(A), p, 2 * m, 2 * m))
-    both[:, :, :m, :m] = both[:, :, m:, m:] = X[:, None]
-    # Derivatives are brought to the size of X, so that they do not make it need more squarings.
-    size = np.abs(dA).max(axis=(2, 3)) / np.abs(A).max(axis=(1, 2))[:, None]
-    size[size == 0.0] = 1.0
-    both[:, :, m:-1, :n] = dA * Ts / size[:, :, None, None]
-    E = expm(both.reshape(-1, 2 * m, 2 * m)).reshape(both.shape)
-    dE = E[:, :, m:-1, :m] * size[:, :, None, None]
-    return zoh(A, B, C, Ts), dE[..., :-1].copy(), dE[..., -1].copy()
+    X = np.zeros((len(A), 1 + p, n + 1, n + 1))
+    X[:, 0], X[:, 1:, :-1, :-1] = augmented(A, B, Ts), dA * Ts
+    E = _exponentials(X)
+    plant = DiscretePlant(E[:, 0, :-1, :-1].copy(), E[:, 0, :-1, -1].copy(), C, Ts)
+    return plant, E[:, 1:, :-1, :-1].copy(), E[:, 1:, :-1, -1].copy()
 
 
 def expm(X: NDArray[np.float64]) -> NDArray[np.float64]:
     """Exponentials of (K, m, m) matrices."""
-    norms = np.abs(X).sum(axis=1).max(axis=1)
+    return _exponentials(X[:, None])[:, 0]
+
+
+def _exponentials(X: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Exponentials and their p derivatives of (K, 1 + p, m, m) matrices and theirs."""
+    norms = np.abs(X[:, 0]).sum(axis=1).max(axis=1)
     squarings = np.ceil(np.log2(np.maximum(2.0 * norms, 1.0))).astype(np.int64)
-    scaled, E = np.ascontiguousarray(X * (0.5**squarings)[:, None, None]), np.empty(X.shape)
+    scaled = np.ascontiguousarray(X * (0.5**squarings)[:, None, None, None])
+    E = np.empty(X.shape)
 
     def some(i: int, j: int) -> None:
         _expm(scaled[i:j], squarings[i:j], _COEFFICIENTS, np.empty((5, *X.shape[1:])), E[i:j])
@@ -218,12 +218,19 @@ def _recursion(
 
 @subkernel
 def _multiply(P: NDArray[np.float64], Q: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    for i in range(len(P)):
-        for j in range(len(P)):
-            out[i, j] = 0.0
-        for k in range(len(P)):
-            for j in range(len(P)):
-                out[i, j] += P[i, k] * Q[k, j]
+    """A product and its derivatives, (1 + p, m, m)."""
+    size = P.shape[1]
+    for q in range(len(P)):
+        for i in range(size):
+            for j in range(size):
+                out[q, i, j] = 0.0
+            for k in range(size):
+                for j in range(size):
+                    out[q, i, j] += P[0, i, k] * Q[q, k, j]
+            if q > 0:
+                for k in range(size):
+                    for j in range(size):
+                        out[q, i, j] += P[q, i, k] * Q[0, k, j]
 
 
 @kernel
@@ -235,30 +242,35 @@ def _expm(
     out: NDArray[np.float64],
 ) -> None:
     """Sum of X^k / k! to k = 16 in six products (Paterson and Stockmeyer, 1973), and squares."""
-    size = X.shape[1]
+    count, size = X.shape[1], X.shape[2]
     X2, X3, X4, E, other = work[0], work[1], work[2], work[3], work[4]
     for b in range(len(X)):
         X1 = X[b]
         _multiply(X1, X1, X2)
         _multiply(X2, X1, X3)
         _multiply(X2, X2, X4)
-        for i in range(size):
-            for j in range(size):
-                other[i, j] = c[16] * X4[i, j]
-        for k in (12, 8, 4, 0):
+        for q in range(count):
             for i in range(size):
                 for j in range(size):
-                    E[i, j] = other[i, j] + c[k + 1] * X1[i, j] + c[k + 2] * X2[i, j]
-                    E[i, j] += c[k + 3] * X3[i, j]
-                E[i, i] += c[k]
+                    other[q, i, j] = c[16] * X4[q, i, j]
+        for k in (12, 8, 4, 0):
+            for q in range(count):
+                for i in range(size):
+                    for j in range(size):
+                        E[q, i, j] = other[q, i, j] + c[k + 1] * X1[q, i, j]
+                        E[q, i, j] += c[k + 2] * X2[q, i, j]
+                        E[q, i, j] += c[k + 3] * X3[q, i, j]
+            for i in range(size):
+                E[0, i, i] += c[k]
             if k > 0:
                 _multiply(E, X4, other)
         for _ in range(squarings[b]):
             _multiply(E, E, other)
             E, other = other, E
-        for i in range(size):
-            for j in range(size):
-                out[b, i, j] = E[i, j]
+        for q in range(count):
+            for i in range(size):
+                for j in range(size):
+                    out[b, q, i, j] = E[q, i, j]
 
 
 @kernel
