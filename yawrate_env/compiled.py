@@ -36,12 +36,22 @@ def kernel(function: _Function) -> _Function:
     A read-only installation without a writable home has no such place: Numba then
     raises at decoration, and the kernel is compiled afresh in every process.
     """
+    return _compiled(function, {})
+
+
+def subkernel(function: _Function) -> _Function:
+    """A `kernel` that kernels call, and Python cannot: it compiles without that entry."""
+    return _compiled(function, {"no_cpython_wrapper": True})
+
+
+def _compiled(function: _Function, further: dict[str, Any]) -> _Function:
     options: dict[str, Any] = {
         "nogil": True,
         "fastmath": {"contract"},
         "error_model": "numpy",
+        "no_cfunc_wrapper": True,  # nothing here is called from C
     }
-    compiled: Any = njit(**options)(function)
+    compiled: Any = njit(**options, **further)(function)
     with suppress(RuntimeError):
         compiled._cache = _Cache(function)
     return compiled  # type: ignore[no-any-return]

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 from tuners.trust.fast_length import fast_length
-from tuners.tuner.spline import spline
+from tuners.tuner.spline import slopes, spline
 
 
 @pytest.mark.parametrize("N", [4, 5, 6, 7, 40, 2000])
@@ -18,6 +18,14 @@ def test_splines_are_scipys(N):
     if N >= 7:
         theirs = make_interp_spline(np.arange(N), y, k=3, axis=1)(at)
         np.testing.assert_allclose(spline(y, at), theirs, rtol=0, atol=1e-11 * np.abs(y).max())
+
+
+@pytest.mark.parametrize("N", [4, 5, 6, 40, 300])
+def test_slopes_at_any_places_are_scipys(N):
+    rng = np.random.default_rng(N)
+    x, y = np.cumsum(rng.uniform(0.1, 1.0, N)), rng.normal(size=N)
+    expected = CubicSpline(x, y)(x, 1)
+    np.testing.assert_allclose(slopes(x, y), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_cubics_are_met_exactly():

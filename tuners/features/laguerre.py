@@ -128,7 +128,8 @@ class Laguerre:
         driven, a = self.driven(u, Ts), self._discrete_pole(Ts)
         weights = np.ascontiguousarray(weights)
         found = np.zeros((*weights.shape[:2], u.shape[1]))
-        over_blocks(lambda i, j: outputs(driven[i:j], weights[i:j], a, found[i:j]),
+        state = np.empty(weights.shape[2])
+        over_blocks(lambda i, j: outputs(driven[i:j], weights[i:j], a, state.copy(), found[i:j]),
                     len(weights), LANES)  # fmt: skip
         return found
 

@@ -29,12 +29,17 @@ def filtered(u: NDArray[np.float64], a: float, out: NDArray[np.float64]) -> None
 
 @kernel
 def outputs(
-    u: NDArray[np.float64], weights: NDArray[np.float64], a: float, out: NDArray[np.float64]
+    u: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    a: float,
+    state: NDArray[np.float64],
+    out: NDArray[np.float64],
 ) -> None:
     """Fill (B, m, N), of which the first column is zero, from inputs (B, N), weights (B, m, n)."""
-    gain, state = np.sqrt(1.0 - a * a), np.empty(weights.shape[2])
+    gain = np.sqrt(1.0 - a * a)
     for b in range(len(weights)):
-        state[:] = 0.0
+        for i in range(len(state)):
+            state[i] = 0.0
         for k in range(1, u.shape[1]):
             held = state[0]
             state[0] = a * held + gain * u[b, k - 1]

@@ -1,4 +1,4 @@
-"""Cubic splines through evenly spaced samples, without an interpolation library's import.
+"""Cubic splines through samples, without an interpolation library's import.
 
 The second derivatives M of the spline through y[0], y[1], ... at unit distance obey
 
@@ -28,6 +28,36 @@ def spline(y: Array, at: Array) -> Array:
     s = 1.0 - t
     curved = (s**3 - s) * M[:, i] + (t**3 - t) * M[:, i + 1]
     return np.asarray(s * y[:, i] + t * y[:, i + 1] + curved / 6.0)
+
+
+def slopes(x: Array, y: Array) -> Array:
+    """First derivatives (N,) of the spline through (N,) samples at any places, N of 4 or more.
+
+    They solve de Boor's tridiagonal equations with "not a knot" at both ends.
+    """
+    h = np.diff(x)
+    d = np.diff(y) / h
+    before, after = np.append(h[1:], h[-1] + h[-2]), np.append(h[0] + h[1], h[:-1])
+    middle = np.concatenate([h[1:2], 2.0 * (h[:-1] + h[1:]), h[-2:-1]])
+    right = np.empty(len(x))
+    right[1:-1] = 3.0 * (h[1:] * d[:-1] + h[:-1] * d[1:])
+    for end, (h0, h1), (d0, d1) in ((0, h[:2], d[:2]), (-1, h[:-3:-1], d[:-3:-1])):
+        right[end] = ((h0 + 2.0 * (h0 + h1)) * h1 * d0 + h0**2 * d1) / (h0 + h1)
+    return _tridiagonal(before.tolist(), middle.tolist(), after.tolist(), right.tolist())
+
+
+def _tridiagonal(
+    before: list[float], middle: list[float], after: list[float], right: list[float]
+) -> Array:
+    """Solve by elimination; lists are quicker than arrays here, and a dense matrix is not."""
+    for i in range(1, len(middle)):
+        share = before[i - 1] / middle[i - 1]
+        middle[i] -= share * after[i - 1]
+        right[i] -= share * right[i - 1]
+    right[-1] /= middle[-1]
+    for i in range(len(middle) - 2, -1, -1):
+        right[i] = (right[i] - after[i] * right[i + 1]) / middle[i]
+    return np.array(right)
 
 
 def _second_derivatives(y: Array) -> Array:

@@ -1,22 +1,22 @@
 """Exact zero-order hold, batched, with exact derivatives.
 
-``expm([[A, B], [0, 0]] Ts) = [[Ad, Bd], [0, 1]]`` (Van Loan, 1978).  Derivatives are the
-imaginary parts of the same formulas after an imaginary step too small to be seen in the
-real part (Squire and Trapp, 1998): nothing cancels, so they are exact to rounding, and
-nothing is written twice.  The exponential is a Taylor series of order 16, scaled to norm
-1/2 (remainder below 1e-19) and squared back; ``scipy.linalg.expm`` spends more on one
-plant than an episode costs.
+``expm([[A, B], [0, 0]] Ts) = [[Ad, Bd], [0, 1]]`` (Van Loan, 1978).  The exponential is a Taylor
+series of order 16, scaled to norm 1/2 (remainder below 1e-19) and squared back;
+``scipy.linalg.expm`` spends more on one plant than an episode costs.  Derivatives follow every
+product by ``d(P Q) = P dQ + dP Q``: nothing cancels, so they are exact to rounding.
+
+What the kernels need to compile counts: it is most of the time to a first answer.  They work on
+real numbers only, and find their workspace allocated.
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.compiled import kernel, over_blocks
+from yawrate_env.compiled import kernel, over_blocks, subkernel
 
-_STEP = 1e-40j
 _COEFFICIENTS = 1 / np.cumprod([1.0, *range(1, 17)])
 _BLOCK = 64
 
@@ -105,11 +105,9 @@ class ObserverForm:
         dAd, dBd : (B, p, n, n), (B, p, n) float64
             Derivatives of its matrices.
         """
-        _, p, n = dBd.shape
-        A = (plant.A[:, None] + _STEP * dAd).reshape(-1, n, n)
-        B = (plant.B[:, None] + _STEP * dBd).reshape(-1, n)
-        alpha, beta, _ = polynomials(A, B, plant.C, np.repeat(self.centre, p))
-        return _derivative(alpha).reshape(dBd.shape), _derivative(beta).reshape(dBd.shape)
+        dalpha, dbeta = np.empty_like(dBd), np.empty_like(dBd)
+        _recursion(plant.A, plant.B, plant.C, self.centre, (dAd, dBd, dalpha, dbeta))
+        return dalpha, dbeta
 
     def __len__(self) -> int:
         return len(self.alpha)
@@ -144,113 +142,165 @@ def zoh_with_sensitivity(
     dBd : (B, p, n)
     """
     _, p, n, _ = dA.shape
-    moved = (A[:, None] + _STEP * dA).reshape(-1, n, n)
-    dE = _derivative(expm(augmented(moved, np.repeat(B, p, axis=0), Ts)))
-    dE = dE.reshape(-1, p, n + 1, n + 1)[:, :, :n]
-    return zoh(A, B, C, Ts), dE[..., :-1].copy(), dE[..., -1].copy()
+    X = np.zeros((len(A), 1 + p, n + 1, n + 1))
+    X[:, 0], X[:, 1:, :-1, :-1] = augmented(A, B, Ts), dA * Ts
+    E = _exponentials(X)
+    plant = DiscretePlant(E[:, 0, :-1, :-1].copy(), E[:, 0, :-1, -1].copy(), C, Ts)
+    return plant, E[:, 1:, :-1, :-1].copy(), E[:, 1:, :-1, -1].copy()
 
 
-def expm(X: NDArray[Any]) -> NDArray[Any]:
-    """Exponentials of (K, m, m) matrices, real or complex."""
-    E, inputs = np.empty_like(X), np.ascontiguousarray(X)
-    over_blocks(lambda i, j: _expm(inputs[i:j], _COEFFICIENTS, E[i:j]), len(X), _BLOCK)
+def expm(X: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Exponentials of (K, m, m) matrices."""
+    return _exponentials(X[:, None])[:, 0]
+
+
+def _exponentials(X: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Exponentials and their p derivatives of (K, 1 + p, m, m) matrices and theirs."""
+    norms = np.abs(X[:, 0]).sum(axis=1).max(axis=1)
+    squarings = np.ceil(np.log2(np.maximum(2.0 * norms, 1.0))).astype(np.int64)
+    scaled = np.ascontiguousarray(X * (0.5**squarings)[:, None, None, None])
+    E = np.empty(X.shape)
+
+    def some(i: int, j: int) -> None:
+        _expm(scaled[i:j], squarings[i:j], _COEFFICIENTS, np.empty((5, *X.shape[1:])), E[i:j])
+
+    over_blocks(some, len(X), _BLOCK)
     return E
 
 
-def augmented(A: NDArray[Any], B: NDArray[Any], Ts: float) -> NDArray[Any]:
+def augmented(A: NDArray[np.float64], B: NDArray[np.float64], Ts: float) -> NDArray[np.float64]:
     """The matrices ``[[A, B], [0, 0]] Ts``, (B, n + 1, n + 1)."""
-    X = np.zeros((len(A), A.shape[1] + 1, A.shape[1] + 1), A.dtype)
+    X = np.zeros((len(A), A.shape[1] + 1, A.shape[1] + 1))
     X[:, :-1, :-1], X[:, :-1, -1] = A * Ts, B * Ts
     return X
 
 
-def _derivative(values: NDArray[np.complex128]) -> NDArray[np.float64]:
-    return np.asarray(values.imag / _STEP.imag)
-
-
 def polynomials(
-    A: NDArray[Any], B: NDArray[Any], C: NDArray[np.float64], centre: NDArray[np.float64]
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """alpha, beta and rows of the observer form, of real or complex matrices; C (n,) or (B, n)."""
+    A: NDArray[np.float64],
+    B: NDArray[np.float64],
+    C: NDArray[np.float64],
+    centre: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """alpha, beta and rows of the observer form; C (n,) or (B, n)."""
+    nothing = np.empty((len(B), 0, *A.shape[1:])), np.empty((len(B), 0, B.shape[1]))
+    return _recursion(A, B, C, centre, (*nothing, nothing[1], nothing[1]))
+
+
+_Derivatives = tuple[
+    NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
+]
+"""Of A (B, p, n, n), B, alpha and beta (B, p, n each); the last two are written."""
+
+
+def _recursion(
+    A: NDArray[np.float64],
+    B: NDArray[np.float64],
+    C: NDArray[np.float64],
+    centre: NDArray[np.float64],
+    derivatives: _Derivatives,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     A, B = np.ascontiguousarray(A), np.ascontiguousarray(B)
     C = C[None].repeat(len(B), axis=0) if C.ndim == 1 else np.ascontiguousarray(C)
     alpha, beta, rows = np.empty_like(B), np.empty_like(B), np.empty_like(A)
+    dA, dB, dalpha, dbeta = derivatives
+    dA, dB = np.ascontiguousarray(dA), np.ascontiguousarray(dB)
 
     def some(i: int, j: int) -> None:
-        _leverrier(A[i:j], B[i:j], C[i:j], centre[i:j], alpha[i:j], beta[i:j], rows[i:j])
+        work = np.empty((B.shape[1] + 4, *A.shape[1:]))
+        _leverrier(
+            *(A[i:j], B[i:j], C[i:j], centre[i:j], alpha[i:j], beta[i:j], rows[i:j]),
+            *(dA[i:j], dB[i:j], dalpha[i:j], dbeta[i:j], work),
+        )
 
     over_blocks(some, len(A), _BLOCK)
     return alpha, beta, rows
 
 
-@kernel
-def _multiply(P: NDArray[Any], Q: NDArray[Any], out: NDArray[Any]) -> None:
-    for i in range(len(P)):
-        for j in range(len(P)):
-            out[i, j] = 0.0
-        for k in range(len(P)):
-            for j in range(len(P)):
-                out[i, j] += P[i, k] * Q[k, j]
-
-
-@kernel
-def _expm(X: NDArray[Any], c: NDArray[np.float64], out: NDArray[Any]) -> None:
-    """Sum of X^k / k! to k = 16 in six products (Paterson and Stockmeyer, 1973), and squares."""
-    size = X.shape[1]
-    work = np.empty((6, size, size), X.dtype)
-    X1, X2, X3, X4, E, other = work[0], work[1], work[2], work[3], work[4], work[5]
-    for b in range(len(X)):
-        norm = 0.0
-        for j in range(size):
-            column = 0.0
-            for i in range(size):
-                column += abs(X[b, i, j])
-            norm = max(norm, column)
-        squarings = int(np.ceil(np.log2(max(2.0 * norm, 1.0))))
+@subkernel
+def _multiply(P: NDArray[np.float64], Q: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    """A product and its derivatives, (1 + p, m, m)."""
+    size = P.shape[1]
+    for q in range(len(P)):
         for i in range(size):
             for j in range(size):
-                X1[i, j] = X[b, i, j] * 0.5**squarings
+                out[q, i, j] = 0.0
+            for k in range(size):
+                for j in range(size):
+                    out[q, i, j] += P[0, i, k] * Q[q, k, j]
+            if q > 0:
+                for k in range(size):
+                    for j in range(size):
+                        out[q, i, j] += P[q, i, k] * Q[0, k, j]
+
+
+@kernel
+def _expm(
+    X: NDArray[np.float64],
+    squarings: NDArray[np.int64],
+    c: NDArray[np.float64],
+    work: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Sum of X^k / k! to k = 16 in six products (Paterson and Stockmeyer, 1973), and squares."""
+    count, size = X.shape[1], X.shape[2]
+    X2, X3, X4, E, other = work[0], work[1], work[2], work[3], work[4]
+    for b in range(len(X)):
+        X1 = X[b]
         _multiply(X1, X1, X2)
         _multiply(X2, X1, X3)
         _multiply(X2, X2, X4)
-        for i in range(size):
-            for j in range(size):
-                other[i, j] = c[16] * X4[i, j]
-        for k in (12, 8, 4, 0):
+        for q in range(count):
             for i in range(size):
                 for j in range(size):
-                    E[i, j] = other[i, j] + c[k + 1] * X1[i, j] + c[k + 2] * X2[i, j]
-                    E[i, j] += c[k + 3] * X3[i, j]
-                E[i, i] += c[k]
+                    other[q, i, j] = c[16] * X4[q, i, j]
+        for k in (12, 8, 4, 0):
+            for q in range(count):
+                for i in range(size):
+                    for j in range(size):
+                        E[q, i, j] = other[q, i, j] + c[k + 1] * X1[q, i, j]
+                        E[q, i, j] += c[k + 2] * X2[q, i, j]
+                        E[q, i, j] += c[k + 3] * X3[q, i, j]
+            for i in range(size):
+                E[0, i, i] += c[k]
             if k > 0:
                 _multiply(E, X4, other)
-        for _ in range(squarings):
+        for _ in range(squarings[b]):
             _multiply(E, E, other)
             E, other = other, E
-        for i in range(size):
-            for j in range(size):
-                out[b, i, j] = E[i, j]
+        for q in range(count):
+            for i in range(size):
+                for j in range(size):
+                    out[b, q, i, j] = E[q, i, j]
 
 
 @kernel
 def _leverrier(
-    A: NDArray[Any],
-    B: NDArray[Any],
+    A: NDArray[np.float64],
+    B: NDArray[np.float64],
     C: NDArray[np.float64],
     centre: NDArray[np.float64],
-    alpha: NDArray[Any],
-    beta: NDArray[Any],
-    rows: NDArray[Any],
+    alpha: NDArray[np.float64],
+    beta: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    dA: NDArray[np.float64],
+    dB: NDArray[np.float64],
+    dalpha: NDArray[np.float64],
+    dbeta: NDArray[np.float64],
+    work: NDArray[np.float64],
 ) -> None:
-    """Leverrier and Faddeev's recursion ``M_k = D M_{k-1} + alpha_k I`` for ``D = A - c I``."""
+    """Leverrier and Faddeev's recursion ``M_k = D M_{k-1} + alpha_k I`` for ``D = A - c I``.
+
+    Its derivatives follow from ``dM_k = dA M_{k-1} + D dM_{k-1} + dalpha_k I``.
+    """
     n = B.shape[1]
-    D, M, DM = np.empty_like(A[0]), np.empty_like(A[0]), np.empty_like(A[0])
+    D, dM, dDM = work[n + 1], work[n + 2], work[n + 3]
     for b in range(len(A)):
         for i in range(n):
             for j in range(n):
-                M[i, j] = 1.0 if i == j else 0.0
-                D[i, j] = A[b, i, j] - centre[b] * M[i, j]
+                work[0, i, j] = 1.0 if i == j else 0.0
+                D[i, j] = A[b, i, j] - centre[b] * work[0, i, j]
         for k in range(n):
+            M, DM = work[k], work[k + 1]
             beta[b, k] = 0.0
             for j in range(n):
                 rows[b, k, j] = 0.0
@@ -265,6 +315,27 @@ def _leverrier(
                         DM[i, j] += D[i, m] * M[m, j]
                 alpha[b, k] -= DM[i, i] / (k + 1.0)
             for i in range(n):
+                DM[i, i] += alpha[b, k]
+        for q in range(dA.shape[1]):
+            for i in range(n):
                 for j in range(n):
-                    M[i, j] = DM[i, j]
-                M[i, i] += alpha[b, k]
+                    dM[i, j] = 0.0
+            for k in range(n):
+                M = work[k]
+                dbeta[b, q, k] = 0.0
+                for j in range(n):
+                    slope = 0.0
+                    for i in range(n):
+                        slope += C[b, i] * dM[i, j]
+                    dbeta[b, q, k] += slope * B[b, j] + rows[b, k, j] * dB[b, q, j]
+                dalpha[b, q, k] = 0.0
+                for i in range(n):
+                    for j in range(n):
+                        dDM[i, j] = 0.0
+                        for m in range(n):
+                            dDM[i, j] += D[i, m] * dM[m, j] + dA[b, q, i, m] * M[m, j]
+                    dalpha[b, q, k] -= dDM[i, i] / (k + 1.0)
+                for i in range(n):
+                    for j in range(n):
+                        dM[i, j] = dDM[i, j]
+                    dM[i, i] += dalpha[b, q, k]

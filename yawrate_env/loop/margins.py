@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.compiled import kernel, over_blocks
+from yawrate_env.compiled import kernel, over_blocks, subkernel
 from yawrate_env.loop import controller
 from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.output_lag import observer_form
@@ -147,10 +147,11 @@ def _with_delay(
     num, den = np.ascontiguousarray(num), np.ascontiguousarray(den)
     found = np.empty((len(num), 6))
 
-    def work(i: int, j: int) -> None:
-        _margins(num[i:j], den[i:j], Ts, delay, omega, delta, lag, found[i:j])
+    def some(i: int, j: int) -> None:
+        L, work = np.empty(len(omega), dtype=np.complex128), np.empty((4, len(omega)))
+        _margins(num[i:j], den[i:j], Ts, delay, omega, delta, lag, L, work, found[i:j])
 
-    over_blocks(work, len(num), _BLOCK)
+    over_blocks(some, len(num), _BLOCK)
     return found
 
 
@@ -174,18 +175,18 @@ def product(p: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float6
     return out
 
 
-@kernel
+@subkernel
 def _ratio(top: complex, bottom: complex) -> complex:
     """Complex division without the branches of Python's."""
     return top * bottom.conjugate() / (bottom.real * bottom.real + bottom.imag * bottom.imag)
 
 
-@kernel
+@subkernel
 def _squared(value: complex) -> float:
     return value.real * value.real + value.imag * value.imag
 
 
-@kernel
+@subkernel
 def _at(
     num: NDArray[np.float64], den: NDArray[np.float64], Ts: float, delay: int, omega: float
 ) -> complex:
@@ -201,7 +202,7 @@ def _at(
     return value
 
 
-@kernel
+@subkernel
 def _on_grid(
     num: NDArray[np.float64],
     den: NDArray[np.float64],
@@ -211,9 +212,10 @@ def _on_grid(
     L: NDArray[np.complex128],
 ) -> None:
     """`_at` the whole grid, power by power, so that it vectorises; `work` is (4, F)."""
-    re, im = delta
-    top, top_j, bottom, bottom_j = work
-    work[:] = 0.0
+    re, im = delta[0], delta[1]
+    top, top_j, bottom, bottom_j = work[0], work[1], work[2], work[3]
+    for i in range(len(re)):
+        top[i] = top_j[i] = bottom[i] = bottom_j[i] = 0.0
     for k in range(len(num)):
         n, d = num[k], den[k]
         for i in range(len(re)):
@@ -227,7 +229,7 @@ def _on_grid(
         L[i] = _ratio(complex(top[i], top_j[i]), complex(bottom[i], bottom_j[i])) * lag[i]
 
 
-@kernel
+@subkernel
 def _crossing(
     num: NDArray[np.float64],
     den: NDArray[np.float64],
@@ -257,7 +259,7 @@ def _crossing(
     return high
 
 
-@kernel
+@subkernel
 def _nearest(
     num: NDArray[np.float64],
     den: NDArray[np.float64],
@@ -291,10 +293,11 @@ def _margins(
     grid: NDArray[np.float64],
     delta: NDArray[np.float64],
     lag: NDArray[np.complex128],
+    L: NDArray[np.complex128],
+    work: NDArray[np.float64],
     found: NDArray[np.float64],
 ) -> None:
     last = len(grid) - 1
-    L, work = np.empty(len(grid), dtype=np.complex128), np.empty((4, len(grid)))
     for b in range(len(num)):
         loop = (num[b], den[b], Ts, delay)
         _on_grid(num[b], den[b], delta, lag, work, L)

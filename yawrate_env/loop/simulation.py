@@ -71,7 +71,10 @@ def simulate_into(
     """
     squares = np.empty(stop - start)
     rest = np.zeros((len(form), form.beta.shape[1])) if w0 is None else w0
-    _recursion(form.beta.shape[1])(form.alpha, form.beta, form.centre, rest, u, start, y, squares)
+    n = form.beta.shape[1]
+    work, own_input = np.zeros((3 * n + 4) * LANES), np.zeros(LANES, np.int64)
+    of_plants = form.alpha, form.beta, form.centre, rest
+    _recursion(n)(*of_plants, u, start, work, own_input, y, squares)
     return squares
 
 
@@ -95,10 +98,11 @@ def _recursion(n: int) -> Any:
         w0: NDArray[np.float64],
         u: NDArray[np.float64],
         start: int,
+        work: NDArray[np.float64],
+        own_input: NDArray[np.int64],
         y: NDArray[np.float64],
         squares: NDArray[np.float64],
     ) -> None:
-        work, own_input = np.zeros((3 * n + 4) * LANES), np.zeros(LANES, np.int64)
         for lane in range(LANES):
             plant = start + min(lane, len(y) - 1)
             own_input[lane] = plant if len(u) > 1 else 0

@@ -10,7 +10,7 @@ depends on its key alone, never on batch size or threads.
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.compiled import LANES, kernel
+from yawrate_env.compiled import LANES, kernel, subkernel
 
 KEY_WORDS = 4
 
@@ -35,7 +35,7 @@ def standard_normal(keys: NDArray[np.uint64], N: int) -> NDArray[np.float64]:
     return out
 
 
-@kernel
+@subkernel
 def _seeded(key: NDArray[np.uint64], state: NDArray[np.uint64]) -> None:
     """Fill the (4, LANES) generator states from the four words of a key.
 
@@ -52,7 +52,7 @@ def _seeded(key: NDArray[np.uint64], state: NDArray[np.uint64]) -> None:
             state[word, lane] = x ^ (x >> _S31)
 
 
-@kernel
+@subkernel
 def _fill(state: NDArray[np.uint64], out: NDArray[np.float64]) -> None:
     """Fill (pairs, 2, LANES) with standard normal numbers, advancing the states."""
     s0, s1, s2, s3 = state[0], state[1], state[2], state[3]
@@ -128,7 +128,6 @@ def _fill(state: NDArray[np.uint64], out: NDArray[np.float64]) -> None:
             pair[1, lane] = radius * sine
 
 
-@kernel
 def add_white_noise(
     signal: NDArray[np.float64],
     sigma: NDArray[np.float64],
@@ -147,12 +146,24 @@ def add_white_noise(
     out : (E, N) float32 or float64
         Written; may be a view with strides.
     """
-    N = signal.shape[1]
     state = np.empty((KEY_WORDS, LANES), dtype=np.uint64)
-    noise = np.empty((-(-N // _PAIR), 2, LANES))
-    flat = noise.reshape(-1)
+    noise = np.empty((-(-signal.shape[1] // _PAIR), 2, LANES))
+    _add(signal, sigma, keys, state, noise, noise.reshape(-1), out)
+
+
+@kernel
+def _add(
+    signal: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    keys: NDArray[np.uint64],
+    state: NDArray[np.uint64],
+    noise: NDArray[np.float64],
+    flat: NDArray[np.float64],
+    out: NDArray[np.floating],
+) -> None:
+    """`add_white_noise` with its workspace; `flat` is `noise`, unrolled."""
     for row in range(len(signal)):
         _seeded(keys[row], state)
         _fill(state, noise)
-        for k in range(N):
+        for k in range(signal.shape[1]):
             out[row, k] = signal[row, k] + sigma[row] * flat[k]

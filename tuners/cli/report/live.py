@@ -18,6 +18,7 @@ from tuners.export.gains import Gains
 from tuners.export.pi_program import pi_program
 from tuners.logs import Log
 from tuners.tuner.result import Result
+from tuners.tuner.spline import slopes
 from yawrate_env.loop.margins import TransferFunction, open_loop
 from yawrate_env.loop.target import Target
 
@@ -121,11 +122,7 @@ def _intervals(result: Result) -> dict[str, tuple[float, float]] | None:
 
 def _spline(omega: Array, values: Array) -> dict[str, list[float]]:
     """Values, and slopes over log frequency, of a cubic spline."""
-    from scipy.interpolate import CubicSpline
-
-    places = np.log(omega)
-    slopes = CubicSpline(places, values)(places, 1)
-    return {"value": _rounded(values), "slope": _rounded(slopes)}
+    return {"value": _rounded(values), "slope": _rounded(slopes(np.log(omega), values))}
 
 
 def _known(result: Result, slowest: float, fastest: float) -> dict[str, Any] | None:
