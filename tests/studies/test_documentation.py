@@ -4,7 +4,9 @@ Python runs, page by page from top to bottom; the start pages' commands run; of 
 program, options, targets and extras exist; links lead to files and headings.
 """
 
+import importlib
 import importlib.util
+import inspect
 import os
 import re
 import shlex
@@ -155,3 +157,34 @@ def test_links_lead_to_files_and_headings(page):
         assert target.exists() or on_the_site.exists(), link
         if heading:
             assert heading in anchors(target if target.exists() else on_the_site), link
+
+
+PACKAGES = "tuners", "tuners.data", "tuners.export", "tuners.logs", "tuners.pidtune", \
+    "yawrate_env.plant", "yawrate_env.plants"  # fmt: skip
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_docstrings_name_every_argument_of_public_names(package):
+    module = importlib.import_module(package)
+    for name in module.__all__:
+        public = getattr(module, name)
+        if not callable(public) or isinstance(public, type) and issubclass(public, Exception):
+            continue
+        said = re.findall(r"\w+", inspect.getdoc(public) or "")
+        missing = set(inspect.signature(public).parameters) - {"args", "kwargs"} - set(said)
+        assert said and not missing, name
+
+
+def test_the_reference_lists_what_tuners_offers():
+    page = (DOCS / "reference" / "index.md").read_text()
+    listed = set(re.findall(r"`tuners\.(\w+) <", page))
+    assert listed == set(importlib.import_module("tuners").__all__)
+
+
+def test_the_methods_ten_pictures_are_drawn_by_commands():
+    sections = re.split(r"^## \d+\. ", (DOCS / "method.md").read_text(), flags=re.MULTILINE)[1:]
+    assert len(sections) == 10
+    for section in sections:
+        assert len(re.findall(r"!\[[^\]]+\]\(\.\./figures/", section)) == 1
+        for file in re.findall(r"python scripts/(\w+\.py)", section):
+            assert (ROOT / "scripts" / file).is_file()

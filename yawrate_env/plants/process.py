@@ -123,7 +123,10 @@ def sopdt(
     tau_c: float | None = None,
     experiment: Given = Experiment(),
 ) -> Plant:
-    """Second order plus dead time, ``K e^{-L s}/((T1 s + 1)(T2 s + 1))``; the rest as `fopdt`."""
+    """Second order plus dead time, ``K e^{-L s}/((T1 s + 1)(T2 s + 1))``.
+
+    Lags T1, T2 [s], and K, L [s], `tau_c` and `experiment` as for `fopdt`.
+    """
 
     def design(theta: Array, hold: float) -> Array:
         gain, one, other, late = theta.T
@@ -139,7 +142,10 @@ def integrator(
     tau_c: float | None = None,
     experiment: Given = Experiment(),
 ) -> Plant:
-    """Integrator plus dead time, ``K e^{-L s}/s``, K in output over input and second [1/s]."""
+    """Integrator plus dead time, ``K e^{-L s}/s``, K in output over input and second [1/s].
+
+    L [s], `tau_c` and `experiment` are as for `fopdt`.
+    """
 
     def design(theta: Array, hold: float) -> Array:
         gain, late = theta.T
