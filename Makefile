@@ -74,7 +74,7 @@ results: reproduce accuracy robustness closed-loops ## everything in results/: a
 	@$(BIN)/python scripts/make_gallery.py
 	@for plant in dc_motor two_tanks pendulum; do \
 		echo "==> scripts/compare_plant.py $$plant"; \
-		$(BIN)/python scripts/compare_plant.py examples/plants/$$plant.py || exit 1; \
+		$(BIN)/python scripts/compare_plant.py examples/plants/$$plant.py --page docs/plants.md || exit 1; \
 	done
 	@echo "==> scripts/recalibration.py"
 	@$(BIN)/python scripts/recalibration.py

@@ -26,8 +26,21 @@ from yawrate_env.plant.entry import find
 )
 @counted("--test", 500, "Test episodes, 20 or more.")
 @seed(help="Of training and test.")
+@click.option(
+    "--page",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="A page with a place for the plant's table, which is put there.",
+)
 @folders
-def main(plant: str, count: int | None, test: int, seed: int, results: Path, figures: Path) -> None:
+def main(
+    plant: str,
+    count: int | None,
+    test: int,
+    seed: int,
+    page: Path | None,
+    results: Path,
+    figures: Path,
+) -> None:
     entry = plant
     if plant.endswith(".py"):
         file = Path(plant)
@@ -41,7 +54,7 @@ def main(plant: str, count: int | None, test: int, seed: int, results: Path, fig
         print(
             plants.run(
                 described, name, results, figures, count=count, test=test, seed=seed,
-                progress=bars,
+                progress=bars, page=page,
             )
         )  # fmt: skip
 

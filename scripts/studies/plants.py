@@ -3,6 +3,7 @@
 results/plants.json   metrics of every plant that was run
 results/plants.md     the same as tables
 figures/NAME.png      one picture a plant
+docs/plants.md        the plant's table, where the page has a place for it
 """
 
 import json
@@ -13,6 +14,7 @@ from typing import Any
 from studies.markdown import table
 from studies.plants_pictures import overview
 from studies.plots import save
+from studies.readme import updated
 from tuners import Plant, Tuner, train
 from tuners.tuner.comparison import (
     GRAY_BOX,
@@ -40,6 +42,7 @@ def run(
     test: int,
     seed: int,
     progress: Any = None,
+    page: Path | None = None,
 ) -> str:
     """Train, compare and write; returns the plant's section of the page."""
     validation.count("test", test, at_least=20, remedy="Compare on more episodes.")
@@ -57,6 +60,8 @@ def run(
     fit = tuner.tune(block.u[0], block.y[0], measured=_measured(plant, block.theta[0])).fit
     _write(results, name, part)
     save(overview(plant, block.y[0], fit.simulated, comparison), figures / f"{name}.png")
+    if page is not None:
+        write_text(page, updated(page.read_text(), name, described(part)))
     return section(name, part)
 
 
@@ -94,6 +99,11 @@ def page(parts: dict[str, dict[str, Any]]) -> str:
 
 def section(name: str, part: dict[str, Any]) -> str:
     """One plant's results in Markdown."""
+    return f"## {name}\n\n{described(part)}"
+
+
+def described(part: dict[str, Any]) -> str:
+    """A plant's table and what it rests on."""
     bound, training, seconds = part["bound"], part["training"], part["seconds"]
     rows = [
         (tuner, *_cells(row["rms"], bound, ".2f"), row["unstable"])
@@ -103,7 +113,7 @@ def section(name: str, part: dict[str, Any]) -> str:
     heads = [head for metric in bound for head in (f"rms error of {metric}", "/ bound")]
     coverage = ", ".join(f"{metric} {100 * c:.1f} %" for metric, c in part["coverage"].items())
     return (
-        f"## {name}\n\n{table(('tuner', *heads, 'unstable'), rows)}\n"
+        f"{table(('tuner', *heads, 'unstable'), rows)}\n"
         f"{part['episodes']} test plants; trained on {training['episodes']} others with "
         f"{training['noise_draws']} recordings of each, seed {training['seed']}. Errors are "
         "distances from what the design rule reaches that knows the plant.\n"

@@ -308,9 +308,14 @@ def test_dataset_scale_measures_what_is_missing(called, tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_compare_plant_gives_table_and_picture(called, tmp_path):
     file = ROOT / "tests" / "first_order.py"
-    status, out, _ = called("compare_plant", file, "--plants", 60, "--test", 20)
+    page = tmp_path / "page.md"
+    page.write_text(f"Before\n<!-- {file.stem}:start -->\nold\n<!-- {file.stem}:end -->\nafter\n")
+    status, out, _ = called("compare_plant", file, "--plants", 60, "--test", 20, "--page", page)
     assert status == 0 and "two-stage" in out and "Cramér–Rao" in out
     part = json.loads((tmp_path / "results" / "plants.json").read_text())["first_order"]
     assert part["episodes"] == 20 and part["training"]["episodes"] == 60
     assert (tmp_path / "results" / "plants.md").read_text().count("## ") == 1
     assert (tmp_path / "figures" / "first_order.png").read_bytes()[:4] == b"\x89PNG"
+    shown = page.read_text()
+    assert shown.startswith("Before\n") and shown.endswith("after\n") and "old" not in shown
+    assert shown.count("| two-stage |") == 1

@@ -105,10 +105,14 @@ def verify(
 
     Parameters
     ----------
+    out : str or path
+        The data set's folder.
     sample : int
         Also simulate so many episodes again, and compare the rows.
     plant : Plant, optional
         As for `Folder`.
+    progress : callable, optional
+        Called with the parts read and all parts.
 
     Raises
     ------

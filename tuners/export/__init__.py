@@ -172,7 +172,17 @@ def _document(gains: Gains, Ts: float | None, limits: tuple[float, float] | None
 def write_schedule(
     source: Schedule | GainTable, path: str | os.PathLike[str], *, real: str = "double"
 ) -> list[Path]:
-    """Write gains over a measured parameter as a C99 table with interpolation, into a folder."""
+    """Write gains over a measured parameter as a C99 table with interpolation, into a folder.
+
+    Parameters
+    ----------
+    source : Schedule or GainTable
+        The gains.
+    path : str or path
+        Of the folder.
+    real : {"double", "float"}
+        Type of all numbers.
+    """
     table = source if isinstance(source, GainTable) else GainTable.of(source)
     return _write_all(Path(path), schedule_program(table, real=real))
 

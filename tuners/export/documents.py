@@ -18,13 +18,13 @@ FORMAT, GAINS_FORMAT, VERSION = "yawrate-controller", "yawrate-gains", 1
 
 
 def matlab_script(pi: DigitalPI) -> str:
-    """A script that defines the controller as ``tf`` and as difference equation."""
+    """A script that defines the controller `pi` as ``tf`` and as difference equation."""
     b, a = pi.difference_equation()
     return render("pi.m", {"pi": pi, "b": b, "a": a})
 
 
 def json_text(pi: DigitalPI) -> str:
-    """Gains in every form, limits and sampling time."""
+    """Gains of a controller `pi` in every form, its limits and sampling time, as JSON."""
     b, a = pi.difference_equation()
     command, output = pi.units
     content = {
@@ -105,7 +105,15 @@ def _head(name: str, gains: Gains, Ts: float) -> dict[str, Any]:
 
 
 def gains_text(gains: Gains, Ts: float | None = None) -> str:
-    """Gains by name, and their loop; ``null`` where there is no number."""
+    """Gains by name, and their loop, as JSON; ``null`` where there is no number.
+
+    Parameters
+    ----------
+    gains : Gains
+        Of any controller.
+    Ts : float, optional
+        Sampling time of the controller [s], if not that of the gains.
+    """
     content = {
         "format": GAINS_FORMAT,
         "version": VERSION,

@@ -76,6 +76,8 @@ def schedule_program(
 
     Parameters
     ----------
+    table : GainTable
+        Gains over the measured parameter.
     real : {"double", "float"}
         Type of all numbers.
     name : str

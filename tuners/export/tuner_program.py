@@ -69,7 +69,15 @@ def tuner_program(
 
 
 def first_stage_program(tuner: Any, *, name: str = "yawrate_laguerre") -> dict[str, str]:
-    """The same of the first stage alone, whatever the learner."""
+    """The same of the first stage alone, whatever the learner.
+
+    Parameters
+    ----------
+    tuner : Tuner
+        Whose features are Laguerre functions'.
+    name : str
+        Prefix of the files and of all that they declare.
+    """
     parts = Parts.of(tuner)
     plant = parts.plant
     return features_program(parts.features, plant.Ts, signals=plant.signals, name=name)

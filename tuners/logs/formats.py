@@ -56,6 +56,8 @@ def read_table(path: Path, dbc: Path | None = None) -> Table:
 
     Parameters
     ----------
+    path : Path
+        Of the file; its ending matters where its first bytes do not tell the format.
     dbc : Path, optional
         File of the signals in a CAN trace.
     """

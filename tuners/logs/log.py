@@ -97,7 +97,15 @@ def read_log(path: Path, plant: Plant, options: Options | None = None) -> Log:
 
 
 def log_of(table: Table, plant: Plant, options: Options) -> Log:
-    """The recording of a plant in a table that was read; errors name its file."""
+    """The recording of a plant in a table that was read; errors name its file.
+
+    Parameters
+    ----------
+    table, plant : Table, Plant
+        Columns, and whose signals are looked for in them.
+    options : Options
+        What the columns' names and units do not say.
+    """
     try:
         return _log(table, plant, options)
     except (LogError, SelectionError) as error:

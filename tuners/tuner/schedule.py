@@ -87,6 +87,8 @@ def schedule(
 
     Parameters
     ----------
+    tuner, recordings : Tuner, sequence of Recording
+        For the plant; one recording each, with its measured parameters.
     values : (S,), optional
         Increasing values of the parameter; by default nine from the least to the largest of the
         recordings.

@@ -14,7 +14,7 @@ _DECIBELS = 400.0  # beyond float64's digits, either way
 
 
 def snr(decibels: float) -> Callable[[Array], Array]:
-    """Noise with a given signal-to-noise ratio [dB]: of the noise-free output's mean square."""
+    """Noise with a signal-to-noise ratio in `decibels`: of the noise-free output's mean square."""
     given = validation.number("snr", decibels, at_least=-_DECIBELS, at_most=_DECIBELS,
                               remedy="Give a ratio in dB.")  # fmt: skip
     return _Relative(10 ** (-given / 20))

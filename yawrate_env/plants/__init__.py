@@ -14,5 +14,5 @@ NAMES = "fopdt", "sopdt", "integrator"
 
 
 def template(name: str) -> str:
-    """A TOML file of a ready plant, with a comment on every value."""
+    """A TOML file of the ready plant called `name`, with a comment on every value."""
     return (files("yawrate_env.plants") / f"{name}.toml").read_text(encoding="utf-8")

@@ -214,7 +214,10 @@ def sopdt(
     experiment: Given = Experiment(),
     **control: Any,
 ) -> Plant:
-    """Second order plus dead time, ``K e^{-L s}/((T1 s + 1)(T2 s + 1))``; the rest as `fopdt`."""
+    """Second order plus dead time, ``K e^{-L s}/((T1 s + 1)(T2 s + 1))``.
+
+    Lags T1, T2 [s]; K, L [s], `experiment` and `control` as for `fopdt`.
+    """
     prior = {"K": K, "T1": T1, "T2": T2, "L": L}
     return _process("sopdt", prior, _two_lags, experiment, Control(**control))
 
@@ -225,7 +228,10 @@ def integrator(
     experiment: Given = Experiment(),
     **control: Any,
 ) -> Plant:
-    """Integrator plus dead time, ``K e^{-L s}/s``, K in output over input and second [1/s]."""
+    """Integrator plus dead time, ``K e^{-L s}/s``, K in output over input and second [1/s].
+
+    L [s], `experiment` and `control` are as for `fopdt`.
+    """
     prior = {"K": K, "L": L}
     return _process("integrator", prior, _integrator, experiment, Control(**control), True)
 
