@@ -104,11 +104,9 @@ several: $(STAMP) ## results/several.md: what several logs of one vehicle are wo
 	@echo "==> scripts/several.py"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/several.py
 
-processes: $(STAMP) ## results/processes.md: ready plants through tune; five minutes
+processes: $(STAMP) ## results/processes.md: a ready plant through tune; a minute
 	@echo "==> scripts/compare_process.py"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/compare_process.py sopdt --controller PIDF
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/compare_process.py sopdt --controller PID
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/compare_process.py fopdt
 
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"

@@ -5,7 +5,6 @@ twentieth of a sample, of which dead times are whole numbers.
 """
 
 import json
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from scipy.signal import lsim
 
 import tuners
 from studies.markdown import table
+from studies.schedule_page import finite
 from tuners.trust.bound import cramer_rao
 from tuners.trust.intervals import Interval
 from tuners.tuner.recording import Recording
@@ -53,7 +53,7 @@ class Found:
         Shares of answers whose 90 % intervals hold: those that assume an exact model, and others.
     unstable : int
     seconds : float
-        Of the training.
+        Of the training, where that was timed.
     """
 
     plant: str
@@ -100,11 +100,11 @@ def recordings(plant: Plant, name: str, count: int, seed: int) -> tuple[Array, A
     return theta, y + float(plant.noise) * rng.standard_normal(y.shape)  # type: ignore[arg-type]
 
 
-def study(plant: Plant, name: str, rule: str, count: int, seed: int, progress: Any = None) -> Found:
-    """Train by default, tune every recording, and count."""
-    started = time.perf_counter()
-    tuner = tuners.train(plant, seed=seed, progress=progress)
-    seconds = time.perf_counter() - started
+def study(
+    tuner: tuners.Tuner, name: str, rule: str, count: int, seed: int, seconds: float = np.nan
+) -> Found:
+    """Tune every recording, and count."""
+    plant = tuner.plant
     theta, y = recordings(plant, name, count, seed)
     results = tuner.results(Recording(plant.u[None], y, plant.Ts, theta))
     gains = np.array([list(result.gains.values()) for result in results])
@@ -142,8 +142,8 @@ def write(found: Found, folder: Path) -> str:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "processes.json"
     rows = json.loads(path.read_text()) if path.exists() else {}
-    rows[f"{found.plant} {found.controller} {found.rule}"] = asdict(found)
-    write_text(path, json.dumps(rows, indent=1) + "\n")
+    rows[f"{found.plant} {found.controller} {found.rule}"] = finite(asdict(found))
+    write_text(path, json.dumps(rows, indent=1, allow_nan=False) + "\n")
     write_text(folder / "processes.md", PAGE.format(table=tabulated(rows.values())))
     return tabulated([asdict(found)])
 

@@ -63,7 +63,7 @@ KEYS = {
     "gains", "metrics", "trusted", "reasons", "notes", "status", "converged", "fallback",
     "verdict", "answered_by", "left", "metrics_if_plant_exact", "logs", "validation",
     "parameters", "deviations", "units", "checks", "forms", "target", "tuner", "plant", "log",
-    "fit",
+    "fit", "controller",
 }  # fmt: skip
 
 
