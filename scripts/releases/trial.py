@@ -115,14 +115,14 @@ def page(trials: Sequence[Trial]) -> str:
     """A table of environments."""
     heads = ("Python", "distributions", "installed [MB]", "of these `yawrate` [MB]",
              "first answer [s]", "later ones [s]", "`import numpy` [s]")  # fmt: skip
-    return table(
-        heads,
-        [
-            (t.python, str(t.distributions), f"{t.size:.0f}", f"{t.own:.1f}", f"{t.first:.1f}",
-             f"{t.next:.2f} ({t.next / t.numpy:.1f} ×)", f"{t.numpy:.2f}")
-            for t in trials
-        ],
-    )  # fmt: skip
+    return table(heads, [_cells(t) for t in trials])
+
+
+def _cells(t: Trial) -> tuple[object, ...]:
+    first = f"{t.first:.1f} ({t.first / t.numpy:.0f} ×)"
+    later = f"{t.next:.2f} ({t.next / t.numpy:.1f} ×)"
+    sizes = f"{t.size:.0f}", f"{t.own:.1f}"
+    return t.python, t.distributions, *sizes, first, later, f"{t.numpy:.2f}"
 
 
 def _seconds(words: Sequence[str | os.PathLike[str]], folder: Path) -> float:

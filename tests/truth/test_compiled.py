@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numba.core import caching
+from recordings import ROOT
 
 from yawrate_env import compiled
 
@@ -109,3 +110,20 @@ def test_workers_are_told_how_many_cores_they_have(limit, found, monkeypatch):
     assert compiled.cores() == (found or processors)
     monkeypatch.setenv("OMP_NUM_THREADS", str(processors + 1))
     assert compiled.cores() == processors
+
+
+def test_an_answer_compiles_every_kernel_for_one_type():
+    """Compiling is most of the time to a first answer."""
+    program = (
+        "import contextlib, sys; from numba.core.dispatcher import Dispatcher\n"
+        "from tuners.cli import main\n"
+        "with contextlib.suppress(SystemExit): main(['tune', 'examples/log.csv'])\n"
+        "kernels = {id(k): k for m in list(sys.modules.values()) for k in vars(m).values()\n"
+        "           if isinstance(k, Dispatcher) and m.__name__.startswith('yawrate_env')}\n"
+        "used = {k.py_func.__name__: len(k.signatures) for k in kernels.values() if k.signatures}\n"
+        "print('\\n', {name for name, count in used.items() if count > 1}, '_expm' in used)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, check=True, capture_output=True, text=True
+    )
+    assert done.stdout.split("\n")[-2].strip() == "set() True"
