@@ -185,7 +185,7 @@ class Response:
         `half` (2,).  None where pulse or scale is unknown.
         """
         pulses = pulses_of(self.model.functions, self.model.Ts, self.target)
-        if pulses is None or len(self) != 1:
+        if pulses is None or len(self) != 1 or not np.isfinite(self.coefficients).all():
             return None
         found, gram = _from_white(self.model), self.model.information[0]
         E = found.estimator[0]
