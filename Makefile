@@ -121,7 +121,7 @@ models: $(STAMP) ## retrain the tuners that the package ships
 		$(BIN)/python scripts/train.py $$name --out tuners/models/$$name.tuner || exit 1; \
 	done
 
-docs: $(STAMP) ## the documentation site in build/docs; a minute
+docs: $(STAMP) ## the documentation site in build/docs; two minutes
 	@echo "==> sphinx"
 	@$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
 

@@ -209,3 +209,13 @@ def test_without_a_pi_loop_nothing_can_be_moved():
     log = log_of("vehicle")
     assert live(replace(result, gains=none, open_loop=None), log, "bb") is None
     assert live(replace(result, plant=replace(result.plant, loop=None)), log, "bb") is None
+
+
+def test_a_page_has_no_bands_where_nothing_is_known_or_they_would_be_too_large(monkeypatch):
+    result, model = answer("bb")
+    log = log_of("vehicle")
+    assert np.shape(model["doubt"])[1] == len(model["pulse"])
+    several = replace(result.response, coefficients=result.response.coefficients * np.nan)
+    assert live(replace(result, response=several), log, "bb")["doubt"] is None
+    monkeypatch.setattr("tuners.cli.report.live._MOST_NUMBERS", 1000)
+    assert live(result, log, "bb")["doubt"] is None

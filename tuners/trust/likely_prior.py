@@ -10,10 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.trust.black_box import BlackBox
+
 Array = NDArray[np.float64]
 
 _DECAYS = (0.5, 0.65, 0.8, 0.9, 1.0)
 _SCALES = np.geomspace(1e-3, 1e3, 13)
+_LEAST = 1e-20  # of the output's energy: noise below rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,3 +75,26 @@ def most_likely(gram: Array, right: Array, energy: Array, variance: Array) -> Es
         for total, part in zip(found, parts, strict=True):
             total[better] = part[better]
     return Estimate(*found)
+
+
+def from_white(model: BlackBox) -> Estimate:
+    """Coefficients of black boxes, whose residual is taken for white noise."""
+    right, energy = _products(model)
+    return most_likely(model.information, right, energy, white_variance(model))
+
+
+def _products(model: BlackBox) -> tuple[Array, Array]:
+    """Inner products of functions and output (B, n), and of the output (B,)."""
+    right = (model.information @ model.coefficients[..., None])[..., 0]
+    return right, model.residual + (right * model.coefficients).sum(axis=1)
+
+
+def white_variance(model: BlackBox) -> Array:
+    """Variance (B,) of the noise, taken for white."""
+    n, N = model.functions.order, model.u.shape[1]
+    _, energy = _products(model)
+    independent = max(N / model.oversampled - n, 1.0)
+    least = np.where(energy > 0, _LEAST * energy, 1.0)
+    return np.asarray(
+        np.maximum(model.residual, least) / N * model.oversampled * (1 + n / independent)
+    )

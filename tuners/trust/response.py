@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tuners.features.laguerre import Laguerre
 from tuners.trust.black_box import BlackBox
 from tuners.trust.curvature import Curvature
-from tuners.trust.likely_prior import Estimate, most_likely
+from tuners.trust.likely_prior import from_white, white_variance
 from tuners.trust.memory import lingering
 from tuners.trust.noise_spectrum import response_slopes, sandwich, weighted
 from tuners.trust.pulses import pulses_of
@@ -31,7 +31,6 @@ Complex = NDArray[np.complex128]
 
 _LOWEST, _HIGHEST, _POINTS = 1 / 30, 3.5, 256  # of the crossover, and frequencies between
 _NYQUIST = 0.95  # of half the controller's rate: the highest frequency that is looked at
-_LEAST = 1e-20  # of the output's energy: noise below rounding
 _NOISE_LEFT = 0.02  # of the residual, where a difference between halves explains nearly all
 _SURE = 3.0  # standard deviations
 
@@ -90,7 +89,7 @@ class Response:
     @classmethod
     def of(cls, model: BlackBox, target: Target) -> "Response":
         """Response of black boxes at the target's crossover, regularised."""
-        found, omega = _from_white(model), _frequencies(target)
+        found, omega = from_white(model), _frequencies(target)
         seen = _functions_seen(model.functions, model.Ts, target)
         at = seen[:, -1]
         J = response_slopes(found.coefficients, at)
@@ -185,11 +184,11 @@ class Response:
         `half` (2,).  None where pulse or scale is unknown.
         """
         pulses = pulses_of(self.model.functions, self.model.Ts, self.target)
-        if pulses is None or len(self) != 1:
+        if pulses is None or len(self) != 1 or not np.isfinite(self.coefficients).all():
             return None
-        found, gram = _from_white(self.model), self.model.information[0]
+        found, gram = from_white(self.model), self.model.information[0]
         E = found.estimator[0]
-        P = _variance(self.model)[0] * E @ gram @ E + found.hidden[0]
+        P = white_variance(self.model)[0] * E @ gram @ E + found.hidden[0]
         at = _functions_seen(self.model.functions, self.model.Ts, self.target)[:, -1]
         J = (self._metric_slopes(gains[None]) @ response_slopes(found.coefficients, at))[0]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -282,29 +281,6 @@ class Response:
         margin = (margin + 180) % 360 - 180
         metrics = np.stack([margin, omega / (2 * np.pi)], axis=1)
         return metrics, ((after - before) / width, turn / width)
-
-
-def _from_white(model: BlackBox) -> Estimate:
-    """Coefficients of black boxes, whose residual is taken for white noise."""
-    right, energy = _products(model)
-    return most_likely(model.information, right, energy, _variance(model))
-
-
-def _products(model: BlackBox) -> tuple[Array, Array]:
-    """Inner products of functions and output (B, n), and of the output (B,)."""
-    right = (model.information @ model.coefficients[..., None])[..., 0]
-    return right, model.residual + (right * model.coefficients).sum(axis=1)
-
-
-def _variance(model: BlackBox) -> Array:
-    """Variance (B,) of the noise, taken for white."""
-    n, N = model.functions.order, model.u.shape[1]
-    _, energy = _products(model)
-    independent = max(N / model.oversampled - n, 1.0)
-    least = np.where(energy > 0, _LEAST * energy, 1.0)
-    return np.asarray(
-        np.maximum(model.residual, least) / N * model.oversampled * (1 + n / independent)
-    )
 
 
 def _halves(model: BlackBox, error: Array, filters: Array) -> tuple[Array, Array]:

@@ -30,6 +30,7 @@ SLOWEST, FASTEST = 0.4, 2.5
 _KNOWN = 9  # crossovers at which the recording's knowledge is computed
 _DIGITS, _FEWER_DIGITS = 11, 4
 _MOST_DELAY = 10  # samples beyond the target's
+_MOST_NUMBERS = 40_000  # of what is left open: 0.4 MB of the page
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,12 +149,17 @@ def _known(result: Result, slowest: float, fastest: float) -> dict[str, Any] | N
 
 
 def _doubt(result: Result) -> list[list[float]] | None:
-    """What the recording leaves open of the pulse response, for 90 % bands."""
+    """What the recording leaves open of the pulse response, for 90 % bands.
+
+    None where that is unknown, or would make the page too large.
+    """
     if result.response is None:
         return None
     half = np.array([interval.high - interval.value for interval in result.intervals.values()])
     found = result.response.doubt(np.array(list(result.gains.values())), half)
-    return None if found is None else [_rounded(row, _FEWER_DIGITS) for row in found]
+    if found is None or found.size > _MOST_NUMBERS:
+        return None
+    return [_rounded(row, _FEWER_DIGITS) for row in found]
 
 
 def _program(result: Result) -> str | None:
