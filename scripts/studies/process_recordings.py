@@ -1,8 +1,8 @@
 """Recordings of processes with lags and a dead time, simulated by SciPy in fine steps.
 
 Nothing here comes from the package's own simulators: each lag is a first-order section of
-``scipy.signal.lfilter`` for a held input, the dead time shifts the output along lines between steps,
-and what is wrong with a recording happens on the fine grid, between the samples.
+``scipy.signal.lfilter`` for a held input, the dead time shifts the output along lines between
+steps, and what is wrong with a recording happens on the fine grid, between the samples.
 """
 
 from collections.abc import Callable, Mapping, Sequence
