@@ -63,10 +63,12 @@ results: reproduce accuracy robustness closed-loops ## everything in results/: a
 	@echo "==> scripts/nonlinear_twin.py"
 	@$(BIN)/python scripts/nonlinear_twin.py --page docs/nonlinear.md
 	@echo "==> scripts/process_plants.py"
-	@$(BIN)/python scripts/process_plants.py --plant fopdt --readme docs/plants.md
+	@$(BIN)/python scripts/process_plants.py --plant fopdt --recordings 1000 --faulty 100 \
+		--readme docs/plants.md
 	@$(BIN)/python scripts/process_plants.py --plant fopdt --as "fopdt, 4 levels" \
+		--recordings 1000 --faulty 100 \
 		--arguments '{"experiment": {"levels": 4}}' --readme docs/plants.md
-	@$(BIN)/python scripts/process_plants.py --plant fopdt --as "fopdt, multisine" \
+	@$(BIN)/python scripts/process_plants.py --plant fopdt --as "fopdt, multisine" --faulty 100 \
 		--arguments '{"experiment": {"kind": "multisine"}}' --readme docs/plants.md
 	@$(BIN)/python scripts/process_plants.py --plant sopdt --faulty 0 --readme docs/plants.md
 	@echo "==> scripts/channels.py, scripts/make_gallery.py"

@@ -18,7 +18,7 @@ from yawrate_env.plant.entry import find
 
 @program(__doc__)
 @click.argument("plant", metavar="FILE.py", type=click.Path(exists=True, path_type=Path))
-@counted("--recordings", 96, "Of each kind.")
+@counted("--recordings", 48, "Of each kind.")
 @seed(help="Of training and recordings.")
 @click.option("--results", type=FOLDER, default=Path("results"), help="Folder for tables.")
 @click.option("--readme", type=click.Path(exists=True, path_type=Path), help="Page to update.")

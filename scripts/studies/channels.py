@@ -59,7 +59,7 @@ def run(
     text = page(parts)
     write_text(results / "channels.md", text)
     if readme is not None:
-        write_text(readme, updated(readme.read_text(), "channels", _rows(parts[name])))
+        write_text(readme, updated(readme.read_text(), "channels", rows_of(parts[name])))
     return text
 
 
@@ -102,11 +102,12 @@ def page(parts: dict[str, Any]) -> str:
     sections = [HEADING]
     for name, part in sorted(parts.items()):
         counts = f"{part['recordings']} recordings of each kind, seed {part['seed']}."
-        sections.append(f"## {name}\n\n{counts}\n\n{_rows(part)}")
+        sections.append(f"## {name}\n\n{counts}\n\n{rows_of(part)}")
     return "\n\n".join(sections) + "\n"
 
 
-def _rows(part: dict[str, Any]) -> str:
+def rows_of(part: dict[str, Any]) -> str:
+    """One plant's table."""
     heads = (
         "channel", "error / bound", "90 % intervals hold", "usable", "with care", "missed",
         "trusted and missed",

@@ -209,12 +209,13 @@ def section(name: str, part: Mapping[str, Any]) -> str:
         (row["fault"], *(_percent(row[of]) for of in shares), _counts(row["refused_by"]))
         for row in part["faults"]
     ]
-    count = part["faults"][0]["recordings"] if part["faults"] else 0
     metrics = ", ".join(part["right"]["over_bound"])
-    return (
-        f"## {name}\n\n{part['right']['recordings']} right recordings and {count} with each fault, "
-        f"seed {part['seed']}; metrics: {metrics}.\n\n{table(heads, rows).strip()}"
-    )
+    said = f"## {name}\n\n{part['right']['recordings']} right recordings"
+    said += f", seed {part['seed']}; metrics: {metrics}."
+    if not rows:
+        return said
+    count = part["faults"][0]["recordings"]
+    return f"{said} {count} with each fault:\n\n{table(heads, rows).strip()}"
 
 
 def _summary(right: Mapping[str, Any]) -> tuple[str, ...]:

@@ -1,8 +1,8 @@
 """Recordings of processes with lags and a dead time, simulated by SciPy in fine steps.
 
 Nothing here comes from the package's own simulators: each lag is a first-order section of
-``scipy.signal.lfilter`` for a held input, the dead time shifts the input, and what is wrong with a
-recording happens on the fine grid, between the samples.
+``scipy.signal.lfilter`` for a held input, the dead time shifts the output along lines between
+steps, and what is wrong with a recording happens on the fine grid, between the samples.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -116,20 +116,18 @@ def output(parameters: Mapping[str, float], command: Array, step: float, late: f
 
     Lags are the parameters whose names begin with T; without one the plant integrates.
     """
-    delay = parameters["L"] + late
-    at = (np.arange(len(command)) + 0.5) * step - delay
-    y = np.where(at >= 0, command[np.maximum((at / step).astype(int), 0)], 0.0)
-    y = parameters["K"] * np.r_[0.0, y]
+    y = parameters["K"] * np.r_[0.0, command]
     lags = [value for name, value in parameters.items() if name.startswith("T")]
     if not lags:
-        return np.asarray(np.r_[0.0, np.cumsum(y[1:] * step)])
+        y = np.cumsum(y * step)
     for number, lag in enumerate(lags):
         a = np.exp(-step / lag)
         if number == 0:  # y[k] is held from step k - 1 to step k
             y = lfilter([1 - a], [1, -a], y)
         else:  # behind a lag signals are nearly straight lines between steps
             y = lfilter([1 - a, 1 - a], [2, -2 * a], y)
-    return np.asarray(y)
+    times = step * np.arange(len(y))
+    return np.asarray(np.interp(times - parameters["L"] - late, times, y, left=0.0))
 
 
 def recordings(

@@ -22,6 +22,7 @@ STANDING = {
     "deviations.md": 23,
     "direct.md": 17,
     "environment.md": 38,
+    "gallery.md": 0,
     "matlab.md": 32,
     "method.md": 14,
     "nonlinear.md": 19,

@@ -9,6 +9,7 @@ from benchmarks import page as benchmark_page
 from studies import (
     accuracy_page,
     budget,
+    channels,
     closed_loops_page,
     comparison,
     dataset_scale,
@@ -19,6 +20,7 @@ from studies import (
     nonlinear_speed,
     off_design_page,
     plants,
+    process_plants,
     ratios,
     readme,
     recalibration_page,
@@ -99,6 +101,8 @@ PAGES = {
     "datasets": lambda: dataset_scale.to_markdown(stored("datasets")),
     "benchmark": lambda: benchmark_page.to_markdown(stored("benchmark")),
     "plants": lambda: plants.page(stored("plants")),
+    "process_plants": lambda: process_plants.page(stored("process_plants")),
+    "channels": lambda: channels.page(stored("channels")),
     "accuracy": lambda: accuracy_page.page(RESULTS),
     "closed_loops": lambda: closed_loops_page.page(*closed_loops_page.read(stored("closed_loops"))),
     "recalibration": lambda: recalibration_page.page(stored("recalibration")),
@@ -129,6 +133,10 @@ def test_other_pages_show_the_tables_of_the_results():
     guide, results = ((ROOT / folder / "plants.md").read_text() for folder in ("docs", "results"))
     rows = [line for line in results.splitlines() if line.startswith("|")]
     assert len(rows) > 12 and set(rows) <= set(guide.splitlines())
+    summary = process_plants.overview(stored("process_plants"))
+    assert readme.updated(guide, "process_plants", summary) == guide
+    (part,) = stored("channels").values()
+    assert readme.updated(guide, "channels", channels.rows_of(part)) == guide
 
 
 def test_a_page_without_markers_is_refused():

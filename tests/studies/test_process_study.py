@@ -59,7 +59,9 @@ def test_faults_act_on_time_scale_and_output():
 def test_right_recordings_sit_on_the_bound_and_a_scaled_output_misses(tmp_path, monkeypatch):
     monkeypatch.setattr(process_plants, "train", lambda plant, **_: tuners.load("gb", plant))
     plant = plants.fopdt()
-    text = process_plants.run(plant, "fopdt", tmp_path, count=60, faulty=12, seed=0)
+    page = tmp_path / "page.md"
+    page.write_text("<!-- process_plants:start -->\n<!-- process_plants:end -->\n")
+    text = process_plants.run(plant, "fopdt", tmp_path, count=60, faulty=12, seed=0, readme=page)
     part = json.loads((tmp_path / "process_plants.json").read_text())["fopdt"]
     assert all(0.7 < ratio < 1.3 for ratio in part["right"]["over_bound"].values())
     assert part["right"]["usable"] > 0.9 and part["right"]["missed"] == 0
@@ -69,3 +71,8 @@ def test_right_recordings_sit_on_the_bound_and_a_scaled_output_misses(tmp_path, 
     assert faults["Ts x 2"]["refused_by"]["stretched"] == 12
     assert "12 with each fault" in text
     assert text in (tmp_path / "process_plants.md").read_text()
+    scaled = faults["output x 1.5"]
+    shares = (
+        f"{100 * scaled['usable_and_missed']:.1f} % ({100 * scaled['with_care_and_missed']:.1f} %)"
+    )
+    assert f"| output x 1.5 | {shares} |" in page.read_text()
