@@ -14,6 +14,7 @@ from studies import (
     dataset_scale,
     learning,
     million,
+    minimax,
     nonlinear,
     nonlinear_speed,
     off_design_page,
@@ -26,6 +27,7 @@ from studies import (
     schedule_page,
     table3,
     trusting,
+    unknowns_page,
 )
 from studies.markdown import general, short, table
 from studies.off_design import Accuracy, Cell
@@ -102,6 +104,10 @@ PAGES = {
     "closed_loops": lambda: closed_loops_page.page(*closed_loops_page.read(stored("closed_loops"))),
     "recalibration": lambda: recalibration_page.page(stored("recalibration")),
     "robustness": lambda: robustness_page.page(*robustness_page.read(stored("robustness"))),
+    "minimax": lambda: minimax.to_markdown(stored("minimax")["rows"]),
+    "unknowns": lambda: unknowns_page.page(
+        stored("unknowns")["rows"], **stored("unknowns")["sizes"]
+    ),
     "README": scoreboard,
 }
 
