@@ -17,7 +17,7 @@ STAMP := $(VENV)/.installed
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 .SUFFIXES:
 .DEFAULT_GOAL := help
-.PHONY: help venv test test-fast lint reproduce results accuracy robustness closed-loops several processes benchmark models docs clean
+.PHONY: help venv test test-fast lint reproduce results accuracy robustness closed-loops several processes unknowns benchmark models docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -101,6 +101,10 @@ robustness: $(STAMP) ## results/robustness.md: who breaks where; ten minutes
 closed-loops: $(STAMP) ## results/closed_loops.md: recordings under an old controller; five minutes
 	@echo "==> scripts/closed_loops.py"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/closed_loops.py
+
+unknowns: $(STAMP) ## results/unknowns.md: what the paper leaves open; fifteen minutes
+	@echo "==> scripts/unknowns.py"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/unknowns.py
 
 several: $(STAMP) ## results/several.md: what several logs of one vehicle are worth; half an hour
 	@echo "==> scripts/several.py"

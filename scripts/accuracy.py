@@ -82,7 +82,7 @@ def of_million(given: Settings, path: Path, bars: Bars) -> str:
 
 
 def of_minimax(given: Settings, path: Path, bars: Bars) -> str:
-    episodes = given.episodes or 12_800
+    episodes = given.episodes or 6400
     rows = minimax.study(episodes, progress=bars)
     write_text(path, minimax.to_json(rows, episodes))
     return minimax.to_markdown(rows)

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 Row = dict[str, Any]
 Progress = Callable[[str, int, int], None]
 
-NOISE_DRAWS, PARTS = 12, 8
+NOISE_DRAWS, PARTS = 4, 8
 LEARNERS = {
     f"{text}, {aim}": Minimax(degree, rounds)
     for text, degree in (("quadratic", 2), ("cubic", 3))

@@ -103,6 +103,7 @@ _OTHERS = {
     "table3.md": "the paper's Table III beside ours, from tuners trained afresh",
     "rl.md": "reinforcement-learning agents, seed by seed, and the median over five seeds",
     "accuracy.md": "how near to the Cramér–Rao bound, why not nearer, and when not to trust it",
+    "unknowns.md": "what the paper leaves open, and whether any of it explains its Table III",
     "robustness.md": "who breaks where: wrong vehicle data, disturbances, defects, faulty logs",
     "off_design.md": "every tuner under other noise, lengths, excitations and wrong vehicle data",
     "schedule.md": "gains over speed, and the price of a wrong speed",

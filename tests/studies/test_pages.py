@@ -16,6 +16,7 @@ from studies import (
     leaderboard,
     learning,
     million,
+    minimax,
     nonlinear,
     nonlinear_speed,
     off_design_page,
@@ -29,6 +30,7 @@ from studies import (
     schedule_page,
     table3,
     trusting,
+    unknowns_page,
 )
 from studies.markdown import general, short, table
 from studies.off_design import Accuracy, Cell
@@ -108,6 +110,10 @@ PAGES = {
     "recalibration": lambda: recalibration_page.page(stored("recalibration")),
     "leaderboard": lambda: leaderboard.page(leaderboard.entries(RESULTS / "leaderboard")),
     "robustness": lambda: robustness_page.page(*robustness_page.read(stored("robustness"))),
+    "minimax": lambda: minimax.to_markdown(stored("minimax")["rows"]),
+    "unknowns": lambda: unknowns_page.page(
+        stored("unknowns")["rows"], **stored("unknowns")["sizes"]
+    ),
     "README": scoreboard,
 }
 
