@@ -144,8 +144,13 @@ def write(found: Found, folder: Path) -> str:
     rows = json.loads(path.read_text()) if path.exists() else {}
     rows[f"{found.plant} {found.controller} {found.rule}"] = finite(asdict(found))
     write_text(path, json.dumps(rows, indent=1, allow_nan=False) + "\n")
-    write_text(folder / "processes.md", PAGE.format(table=tabulated(rows.values())))
+    write_text(folder / "processes.md", page(rows))
     return tabulated([asdict(found)])
+
+
+def page(rows: dict[str, Any]) -> str:
+    """The page of the stored figures."""
+    return PAGE.format(table=tabulated(rows.values()))
 
 
 HEADS = (
