@@ -17,7 +17,7 @@ STAMP := $(VENV)/.installed
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 .SUFFIXES:
 .DEFAULT_GOAL := help
-.PHONY: help venv test test-fast lint reproduce results accuracy robustness closed-loops several processes unknowns benchmark models docs clean
+.PHONY: help venv test test-fast lint reproduce results accuracy robustness closed-loops several unknowns benchmark models docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -71,6 +71,8 @@ results: reproduce accuracy robustness closed-loops ## everything in results/: a
 	@$(BIN)/python scripts/process_plants.py --plant fopdt --as "fopdt, multisine" --faulty 100 \
 		--arguments '{"experiment": {"kind": "multisine"}}' --readme docs/plants.md
 	@$(BIN)/python scripts/process_plants.py --plant sopdt --faulty 0 --readme docs/plants.md
+	@$(BIN)/python scripts/process_plants.py --plant sopdt --as "sopdt, PIDF" --faulty 0 \
+		--arguments '{"controller": "PIDF"}' --readme docs/plants.md
 	@echo "==> scripts/channels.py, scripts/make_gallery.py"
 	@$(BIN)/python scripts/channels.py examples/plants/wood_berry.py --readme docs/plants.md
 	@$(BIN)/python scripts/make_gallery.py
@@ -109,10 +111,6 @@ unknowns: $(STAMP) ## results/unknowns.md: what the paper leaves open; fifteen m
 several: $(STAMP) ## results/several.md: what several logs of one vehicle are worth; half an hour
 	@echo "==> scripts/several.py"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/several.py
-
-processes: $(STAMP) ## results/processes.md: a ready plant through tune; a minute
-	@echo "==> scripts/compare_process.py"
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/compare_process.py sopdt --controller PIDF
 
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"

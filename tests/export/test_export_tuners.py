@@ -174,7 +174,7 @@ def test_golden_vectors_notice_a_wrong_tuner(tmp_path):
     assert "T, slope" in header and "YAWRATE_TUNER_GAINS 3" in header
     written(tmp_path, program)
     mistakes = {"tanh(sum)": "sum", "log(measured[0])": "measured[0]", "* x[other]": "* x[i]",
-                "exp(values[i])": "values[i]", "MEAN[j])": "MEAN[i])"}  # fmt: skip
+                "exp(values[0])": "values[0]", "MEAN[j])": "MEAN[i])"}  # fmt: skip
     assert notices(tmp_path, "yawrate_tuner.c", mistakes, *PARTS)
 
 
