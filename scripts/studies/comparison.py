@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from studies.bounds import bound_on
 from studies.markdown import table
 from studies.metrics import bootstrap_interval, rms
-from tuners import Recipe, Tuner, load, train
+from tuners import Recipe, load, train
 from tuners.agents import training as rl_training
 from tuners.agents.settings import Training
 from tuners.catalogue import UNTRAINED
 from tuners.features import features_named
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.tuner.evaluation import Evaluation, evaluate
+from tuners.learners.threads import threads
+from tuners.tuner.evaluation import Evaluation, Policy, evaluate
 from yawrate_env.files import write_text
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.reward import distance
@@ -125,7 +126,7 @@ def score(e: Evaluation, episodes: int, seed: int, seconds: float = 0.0) -> Scor
     )
 
 
-def test(tuners: Mapping[str, Tuner], plant: Plant) -> list[Evaluation]:
+def test(tuners: Mapping[str, Policy], plant: Plant) -> list[Evaluation]:
     """Give them all the test episodes."""
     return evaluate(tuners, plant, "test", episodes=TEST_EPISODES, seed=0, batch=TEST_EPISODES)
 
@@ -210,16 +211,69 @@ loop coordinates that the design rule needs at the prior's plants and a quarter 
 knows the reward's documented form, e = −r/(1 + r/4); `naf-plain` is the same learner on the
 plain reward (e = −r), and the difference between the two is what that knowledge is worth. No agent
 sees the design rule's gains. The agents called `rl` and `rl-sac` are `naf-laguerre` and
-`sac-laguerre` with seed 0. Times are those of a machine that did other work beside `naf`: compare
-`scripts/train.py rl` and `ts-ff-lag` on a quiet one.
+`sac-laguerre` with seed 0. Times in the table are wall times of a machine that did other work
+beside `naf`.
 """
 
 
-def to_markdown(scores: Sequence[Score]) -> str:
+BESIDE = """\
+## Other ways to learn
+
+From recorded episodes alone (`scripts/compare_rl.py --offline`; Minari sets of
+`yawrate/PITuningFeatures-v0`, `tuners.data.export_minari`, with reference scores): `naf-offline`
+sees actions and rewards of a mixture of random, disturbed, nominal and best actions in equal parts,
+`naf-offline-uniform` those of random actions alone; `bc-offline` clones the mixture's actions, as
+Minari's tutorial does, and so learns their mean. d3rlpy asks for an older Gymnasium.
+
+From raw samples (`--raw`): `transformer-raw` reads the recording itself, averaged down to 100 Hz,
+in 25 pieces of 0.4 s; three layers of width 64, 6 passes over as many simulations (a minute of
+processor time), and labels by the design rule. Labels and simulations are those of the two-stage
+learner `ff-laguerre`, which is a dot of [the figure](../figures/rl.png): a linear first stage,
+which knows what noise is, is worth more here than attention.
+"""
+
+OTHERS = "naf-offline", "naf-offline-uniform", "bc-offline", "transformer-raw"
+"""Learners that do not gather episodes themselves, or see no features."""
+
+
+TIMES = "rl_times.json"
+
+_TIMES = """\
+Processor time of whole trainings with seed 0, calibration included, in one process on one core:
+`rl` {rl:.0f} s ({episodes:,} episodes), `ts-ff-lag` {ff:.0f} s, a ratio of {ratio:.2f}.
+"""
+
+
+def times(episodes: int, progress: Progress) -> dict[str, float]:
+    """Processor time of training `rl` and `ts-ff-lag` [s]: other processes do not count."""
+    plant, found = yaw_rate(Task()), {"episodes": float(episodes)}
+    with threads(1):
+        for name in ("ts-ff-lag", "rl"):
+            began = time.process_time()
+            if name == "rl":
+                settings = Training("naf", features_named("laguerre"), episodes, seed=0)
+                rl_training.train(settings, plant, progress=progress)
+            else:
+                train(name, plant, progress=progress)
+            found[name] = time.process_time() - began
+    return found
+
+
+def to_markdown(scores: Sequence[Score], timed: Mapping[str, float] | None = None) -> str:
     """What each agent reached at the end of its trainings, seed by seed, and the median."""
     bound = next((_rms(s) for s in scores if s.name == BOUND), (np.nan, np.nan))
+    trained = [s for s in scores if s.seconds]
+    others = [s for s in trained if s.name in OTHERS]
+    agents = _rows([s for s in trained if s.name not in OTHERS], bound)
+    page = f"{FOREWORD}\n{table(HEADS, agents)}"
+    if timed:
+        rl, ff, episodes = (timed[name] for name in ("rl", "ts-ff-lag", "episodes"))
+        page += f"\n{_TIMES.format(rl=rl, ff=ff, episodes=int(episodes), ratio=rl / ff)}"
+    return f"{page}\n{BESIDE}\n{table(HEADS, _rows(others, bound))}" if others else page
+
+
+def _rows(agents: Sequence[Score], bound: tuple[float, float]) -> list[tuple[object, ...]]:
     rows: list[tuple[object, ...]] = []
-    agents = [s for s in scores if s.seconds]
     longest = max((s.episodes for s in agents), default=0)
     ends = (s for s in agents if s.episodes == longest or s.episodes not in EPISODES)
     for name, n in sorted(dict.fromkeys((s.name, s.episodes) for s in ends)):
@@ -231,7 +285,7 @@ def to_markdown(scores: Sequence[Score]) -> str:
         worst = max(s.unstable for s in found), f"{np.median([s.seconds for s in found]):.0f}"
         median = (f"**{text}**" for text in middle)
         rows.append((f"**`{name}`**", n, f"median of {len(found)}", *median, *worst))
-    return f"{FOREWORD}\n{table(HEADS, rows)}"
+    return rows
 
 
 def _seed(s: Score) -> int:
@@ -256,5 +310,7 @@ def write(scores: Sequence[Score], results: Path) -> list[Score]:
     results.mkdir(parents=True, exist_ok=True)
     everything = merged(scores, results / "rl.json")
     write_text(results / "rl.json", json.dumps([asdict(s) for s in everything], indent=1) + "\n")
-    write_text(results / "rl.md", to_markdown(everything))
+    path = results / TIMES
+    timed = json.loads(path.read_text()) if path.exists() else None
+    write_text(results / "rl.md", to_markdown(everything, timed))
     return everything

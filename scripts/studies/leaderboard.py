@@ -37,7 +37,8 @@ _PAGE = """\
 Every row is a file in `results/leaderboard/`. Of an agent with several training seeds the row has
 the median of their mean returns, and the worst; brackets hold the median seed's 95 % bootstrap
 interval over episodes. All get the same episodes, those of `reset(seed=k)` for k from 0 on. Windows
-that an unstable loop leaves undriven count -5 each, as it does: to end a drive must not pay.
+that an unstable loop leaves undriven count -5 each, as it does: to end a drive must not pay. Times
+are those of the machine that made the file, the project's own of one that was busy.
 
 {boards}
 ## Yours
@@ -125,7 +126,8 @@ def own(windows: int, seeds: int, episodes: int | None, progress: Progress) -> l
     for done, (env, name, policies, what) in enumerate(todo, 1):
         began = time.perf_counter()
         made_now = policies()
-        seconds = (time.perf_counter() - began) / len(made_now) if name == "recalibrator" else None
+        taken = time.perf_counter() - began
+        seconds = taken / len(made_now) if name == "recalibrator" else None
         found.append(
             score(env, name, made_now, learned_from=what, training=seconds, episodes=episodes)
         )

@@ -229,3 +229,13 @@ def test_stable_baselines3_gets_each_windows_info_and_the_last_observation():
         assert [each["TimeLimit.truncated"] for each in infos] == truncated.tolist()
     for each, last in zip(infos, info["final_obs"], strict=True):
         np.testing.assert_array_equal(each["terminal_observation"], last)
+
+
+def test_the_vehicles_to_come_are_those_that_the_step_tells():
+    env = native(3)
+    with pytest.raises(ResetNeeded):
+        _ = env.coming_theta
+    env.reset(seed=0)
+    theta = env.coming_theta
+    *_, info = env.step(np.full((3, 3), -1.0))
+    np.testing.assert_array_equal(theta, np.stack([info[name] for name in PARAMETERS], axis=1))

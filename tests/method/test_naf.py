@@ -198,3 +198,16 @@ def test_what_it_cannot_learn_is_refused():
     for name, value in (("unit", 0.0), ("growth", 1.0), ("learning_starts", 0), ("restarts", -1)):
         with pytest.raises(ValueError, match=name):
             NAF("MlpPolicy", Target(), **{name: value})
+
+
+def test_recorded_episodes_teach_as_their_own_would():
+    env, rng = make_vec_env(Target, 1, seed=0), np.random.default_rng(0)
+    x = rng.normal((30, -1), (5, 0.1), (700, 2))
+    near = rng.random((700, 1)) < 0.5
+    actions = np.where(near, best(x) + [0.4, 0.2] * rng.normal(size=x.shape),
+                       rng.uniform(LOW, HIGH, x.shape)).clip(LOW, HIGH)  # fmt: skip
+    rewards = -np.linalg.norm((actions - best(x)) / (HIGH - LOW) * [4.0, 2.0], axis=1)
+    model = agent(env, learning_starts=150)
+    model.learn_offline(x[:, :, None], actions, rewards)
+    assert model.episodes == model.fitted == 700 and model.num_timesteps == 0
+    assert np.sqrt((off(model) ** 2).mean()) < 0.05

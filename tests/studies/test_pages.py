@@ -77,7 +77,8 @@ def nonlinear_twin():
 
 def agents():
     scores = [comparison.Score(**row) for row in stored("rl")]
-    return comparison.to_markdown(scores)
+    timed = stored("rl_times") if (RESULTS / comparison.TIMES).exists() else None
+    return comparison.to_markdown(scores, timed)
 
 
 def scoreboard():
