@@ -14,6 +14,7 @@ from studies import (
     dataset_scale,
     learning,
     million,
+    mutations_page,
     nonlinear,
     nonlinear_speed,
     off_design_page,
@@ -24,6 +25,7 @@ from studies import (
     results_page,
     robustness_page,
     schedule_page,
+    several_page,
     table3,
     trusting,
 )
@@ -101,6 +103,8 @@ PAGES = {
     "accuracy": lambda: accuracy_page.page(RESULTS),
     "closed_loops": lambda: closed_loops_page.page(*closed_loops_page.read(stored("closed_loops"))),
     "recalibration": lambda: recalibration_page.page(stored("recalibration")),
+    "several": lambda: several_page.page(stored("several")),
+    "log_files": lambda: mutations_page.page(stored("log_files")),
     "robustness": lambda: robustness_page.page(*robustness_page.read(stored("robustness"))),
     "README": scoreboard,
 }
