@@ -17,7 +17,7 @@ STAMP := $(VENV)/.installed
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 .SUFFIXES:
 .DEFAULT_GOAL := help
-.PHONY: help venv test test-fast lint reproduce results accuracy robustness closed-loops several unknowns benchmark models docs clean
+.PHONY: help venv test test-fast lint reproduce results accuracy robustness closed-loops several hunt unknowns benchmark models docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -108,9 +108,13 @@ unknowns: $(STAMP) ## results/unknowns.md: what the paper leaves open; fifteen m
 	@echo "==> scripts/unknowns.py"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/unknowns.py
 
-several: $(STAMP) ## results/several.md: what several logs of one vehicle are worth; half an hour
+several: $(STAMP) ## results/several.md: what several logs of one vehicle are worth; a quarter of an hour
 	@echo "==> scripts/several.py"
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/several.py
+
+hunt: $(STAMP) ## results/log_files.md: 5,000 damaged log files; ten minutes
+	@echo "==> scripts/log_files.py hunt"
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python scripts/log_files.py hunt
 
 benchmark: $(STAMP) ## results/benchmark.md and datasets.md; wants a quiet machine
 	@echo "==> scripts/benchmark.py"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tuners.logs.table import Array
 
+_ROUNDED = 1e-9  # of nearly all steps: a step that is none
 _SHORTEST = 10  # steps without a change
 _MOST = 0.2  # of the samples: a channel that stands still for longer is at rest
 _QUANTISED = 0.1  # of the other steps: as many without a change are usual
@@ -29,14 +30,15 @@ def frozen(values: Array) -> NDArray[np.bool_]:
     steps = np.abs(np.diff(values))
     if not len(steps) or not np.isfinite(steps).all():
         return found
-    edges = np.flatnonzero(np.diff(steps == 0, prepend=False, append=False))
+    still = steps <= _ROUNDED * np.percentile(steps, _NEARLY_ALL)
+    edges = np.flatnonzero(np.diff(still, prepend=False, append=False))
     runs = edges.reshape(-1, 2)  # of steps from the first on, up to the last
     runs = runs[runs[:, 1] - runs[:, 0] >= _SHORTEST]
     inside = np.zeros(len(steps) + 2, dtype=np.bool_)
     for first, last in runs.tolist():
         inside[first : last + 2] = True  # with the steps that lead there and away
     others = steps[~inside[1:-1]]
-    if not len(runs) or inside.mean() > _MOST or (others == 0).mean() > _QUANTISED:
+    if not len(runs) or inside.mean() > _MOST or still[~inside[1:-1]].mean() > _QUANTISED:
         return found
     usual = _JUMP * np.percentile(others, _NEARLY_ALL)
     ends = np.concatenate([[0.0], steps, [0.0]])
