@@ -15,8 +15,8 @@ from data_sets import EPISODES, SHARD, STAGE, TASK, cars, contents, made, rich, 
 from filelock import FileLock
 from first_order import TAU, U, described, design, plant, simulate
 
-from tuners import data
-from tuners.data import DatasetError, Folder, load_gains, shards, verify, workers
+from tuners import data, workers
+from tuners.data import DatasetError, Folder, load_gains, shards, verify
 from tuners.data.manifest import Configuration, Manifest, Shard, shard_size
 from tuners.features.laguerre import Laguerre
 from tuners.features.response import FrequencyResponse
