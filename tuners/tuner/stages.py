@@ -67,11 +67,9 @@ class Recipe:
         validation.count("episodes", self.episodes, remedy="Simulate some.")
         validation.count("components", self.components, at_least=0, remedy="0 is for none.")
         check_features(self.features)
-        if self.components and not isinstance(self.features, FrequencyResponse):
-            raise ValueError(
-                f"components = {self.components}: features = {self.features!r} have none. Give a "
-                "FrequencyResponse, or leave components out."
-            )
+        if self.components:
+            remedy = "Other features have no components: leave them out."
+            validation.instance("features", self.features, FrequencyResponse, remedy=remedy)
         object.__setattr__(self, "learner", settings_for(self.learner))
 
 

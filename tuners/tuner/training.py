@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,9 +114,9 @@ def features_for(plant: Plant) -> Laguerre | Regularised:
 
 def confined(plant: Plant, recipe: Recipe) -> Recipe:
     """The recipe with features that know the plant's principal components, if it asks for any."""
-    response = recipe.features
-    if not recipe.components or not isinstance(response, FrequencyResponse):
+    if not recipe.components:
         return recipe
+    response = cast(FrequencyResponse, recipe.features)  # as `Recipe` has checked
     functions = Laguerre(response.order, response.pole)
     gram, right, _ = equations_of_any_input(plant, functions)
     return replace(
