@@ -152,6 +152,7 @@ def test_evaluate_policy_takes_every_tuner(name):
     shown = {
         "oracle": {"visible": "context"},
         "ts-ff-lag-vx": {"visible": "speed", "v_x": [10, 33]},
+        "ts-poly-any": {"visible": "speed", "v_x": [10, 33], "register": "random"},
     }
     kwargs = shown.get(name, {})
     vectors = VecMonitor(Sb3VecEnv(gymnasium.make_vec(PLAIN, num_envs=3, **kwargs)))

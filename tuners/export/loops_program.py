@@ -87,7 +87,19 @@ def loops_program(
     Ts: float | None = None,
     real: str = "double",
 ) -> dict[str, str]:
-    """Headers, sources and test programs of all loops and of each, by file name."""
+    """Headers, sources and test programs of all loops and of each, by file name.
+
+    Parameters
+    ----------
+    result : Result
+        Of a plant with a PI for each channel.
+    limits : sequence of (float, float), optional
+        Lowest and highest command of each loop; the plant's if omitted.
+    Ts : float, optional
+        Sampling time of the controllers [s]; the plant's if omitted.
+    real : {"double", "float"}
+        Type of the programs' numbers.
+    """
     loops = Loop.all_of(result.plant, result.gains, limits, Ts)
     files: dict[str, str] = {}
     for loop in loops:

@@ -18,7 +18,17 @@ _COUNT = 240
 def pid_program(
     pid: DigitalPID, *, real: str = "double", name: str = "yawrate_pid"
 ) -> dict[str, str]:
-    """Header, source and test program, by file name; `real` is the type of all numbers."""
+    """Header, source and test program, by file name.
+
+    Parameters
+    ----------
+    pid : DigitalPID
+        The controller.
+    real : {"double", "float"}
+        Type of all numbers.
+    name : str
+        Prefix of the files and of all that they declare.
+    """
     validation.one_of("real", real, REALS)
     reference, measured, start = golden_signals(pid)
     values = {
@@ -57,7 +67,17 @@ def golden_signals(pid: DigitalPID) -> tuple[Array, Array, tuple[float, float, f
 def state_feedback_program(
     of: DigitalStateFeedback, *, real: str = "double", name: str = "yawrate_state_feedback"
 ) -> dict[str, str]:
-    """Header, source and test program, by file name."""
+    """Header, source and test program, by file name.
+
+    Parameters
+    ----------
+    of : DigitalStateFeedback
+        The controller.
+    real : {"double", "float"}
+        Type of all numbers.
+    name : str
+        Prefix of the files and of all that they declare.
+    """
     validation.one_of("real", real, REALS)
     rng, n = np.random.default_rng(0), len(of.gains)
     wide = of.high - of.low
