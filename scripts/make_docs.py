@@ -94,8 +94,8 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
   their own (MDF, MCAP, CAN, blank cells in text) keep them; a command that changes between the
   output's samples counts by its mean.
 - **What was lost**: samples of the output at which it stands still and then jumps, as a sensor that
-  drops out does, and single ones far from those around them are left out with a note. HDF5 files that
-  are longer than they say are refused.
+  drops out does, and single ones far from those around them are left out with a note. HDF5 files
+  that are longer than they say are refused.
 - **Units**: a column called `voltage [mV]` or `voltage_mV`, or whose unit stands in a row of
   units or with an MDF channel, is converted where the plant has `voltage [V]`, and a note says
   so; `--input-unit` and `--output-unit` say what a log doesn't. A unit that is unknown, or that
@@ -123,9 +123,10 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
 
 `python scripts/log_files.py files` tunes from 65 files of these kinds whose answer is known;
 `hunt` damages files of every format at random and counts what becomes of them. Of 5,000 (seed 0)
-3,822 were refused in one line, the gains of 79 were refused, and 1,098 answers were right. Of one more
-the gains are within 0.3 % and the 90 % interval lies beside the undamaged file's. None was wrong and
-trusted, ended in a traceback, took 10 s or 2 GB ([results/log_files.md](../results/log_files.md)).
+3,822 were refused in one line, the gains of 79 were refused, and 1,098 answers were right. Of one
+more the gains are within 0.3 % and the 90 % interval lies beside the undamaged file's. None was
+wrong and trusted, ended in a traceback, took 10 s or 2 GB
+([results/log_files.md](../results/log_files.md)).
 
 `--steer-column`, `--steer-unit`, `--flip-steer` and `--steer-is` are other names of the
 `--input-` options, `--yaw-rate-column`, `--yaw-rate-unit` and `--flip-yaw-rate` of the

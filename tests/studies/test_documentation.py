@@ -11,6 +11,7 @@ import os
 import re
 import shlex
 import shutil
+import sys
 import tomllib
 from functools import cache
 
@@ -32,8 +33,17 @@ SHELLS = "sh", "bash", "shell"
 SMALLER = {
     "plants": [
         ("tuners.train(plant)", "tuners.train(plant, episodes=300, calibration=128)"),
+        (
+            "tuners.train(slow, workers=2",
+            "tuners.train(slow, episodes=60, calibration=50, workers=1",
+        ),
+        *(
+            (f"{stage}), plant)", f"{stage}), plant, episodes=60, calibration=0)")
+            for stage in ("Regressor()", "Settings(network)", "Settings()")
+        ),
         ("episodes=8000", "episodes=256"),
     ],
+    "agents": [(".learn(2000)", ".learn(600)"), ("20_000", "2_000")],
     "datasets": [
         ("1_000_000", "300"),
         ("100_000", "30"),
@@ -54,7 +64,10 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
-    return tmp_path
+    yield tmp_path
+    for name, module in list(sys.modules.items()):
+        if str(getattr(module, "__file__", "")).startswith(str(tmp_path)):
+            del sys.modules[name]
 
 
 def run(page, folder):
@@ -136,6 +149,8 @@ def test_commands_run(page, folder):
     for block in blocks(page, "sh"):
         for line in block.splitlines():
             words = shlex.split(line, comments=True)
+            if words[:2] == ["yawrate", "train"]:
+                words += ["--episodes", "200"]
             if words[:1] == ["yawrate"]:
                 code, _, err = call(*words[1:])
                 assert code in (TRUSTED, UNTRUSTED), (line, err)

@@ -1,7 +1,6 @@
 """The minimax fit and its study."""
 
 import numpy as np
-import pytest
 
 from studies import minimax
 from studies.minimax_fit import Minimax
@@ -49,13 +48,3 @@ def test_parts_cover_the_prior():
     assert minimax.parts_of(PLANT, ends).tolist() == [0, minimax.PARTS**2 - 1]
     parts = minimax.parts_of(PLANT, sample(PLANT, 2000))
     assert len(np.unique(parts)) == minimax.PARTS**2
-
-
-@pytest.mark.slow
-def test_the_worst_part_pays_less_under_minimax():
-    rows = {(r["features"], r["name"]): r["rms"] for r in minimax.study(1280)}
-    for degree in ("quadratic", "cubic"):
-        mean, worst = (
-            rows["ARMAX at 25 Hz", f"{degree}, {aim}"] for aim in ("least mean", "minimax")
-        )
-        assert worst[0][1] < mean[0][1] and worst[0][0] > mean[0][0]
