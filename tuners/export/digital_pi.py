@@ -55,14 +55,7 @@ class DigitalPI:
             validation.number(name, getattr(self, name), above=0.0,
                               remedy="Export gains that a tuner found.")  # fmt: skip
         validation.number("Ts", self.Ts, above=0.0, at_most=SLOWEST, remedy="Give it in seconds.")
-        for name in ("low", "high"):
-            validation.number(name, getattr(self, name),
-                              remedy=f"Give a finite limit in {self.units[0]}.")  # fmt: skip
-        if not self.low < self.high:
-            raise ValueError(
-                f"limits = [{self.low:g}, {self.high:g}] must have low below high. "
-                f"Give the least and the largest command in {self.units[0]}."
-            )
+        check_limits(self.low, self.high, self.units[0])
         for name in ("gain", "step", "tracking", "largest", "low", "high"):
             size = abs(getattr(self, name))
             least = 0.0 if name in ("low", "high") and size == 0.0 else _LEAST
@@ -138,3 +131,14 @@ def unit(signal: str) -> str:
     """A signal's unit, the part of its name in brackets."""
     name, bracket = split(signal.strip())
     return bracket or f"unit of {name}"
+
+
+def check_limits(low: float, high: float, unit: str) -> None:
+    """``ValueError`` unless limits of a command are finite and in order."""
+    for name, value in (("low", low), ("high", high)):
+        validation.number(name, value, remedy=f"Give a finite limit in {unit}.")
+    if not low < high:
+        raise ValueError(
+            f"limits = [{low:g}, {high:g}] must have low below high. "
+            f"Give the least and the largest command in {unit}."
+        )

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.export.digital_pi import SATURATED, SLOWEST, unit
+from tuners.export.digital_pi import SATURATED, SLOWEST, check_limits, unit
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
@@ -67,14 +67,7 @@ class DigitalPID:
         validation.number("Ts", self.Ts, above=0.0, at_most=SLOWEST, remedy="Give it in seconds.")
         validation.number("Tf", self.Tf, at_least=self.Ts / 2 * (1 - _ROUNDING),
                           remedy="A faster filter needs a shorter Ts.")  # fmt: skip
-        for name in ("low", "high"):
-            validation.number(name, getattr(self, name),
-                              remedy=f"Give a finite limit in {self.units[0]}.")  # fmt: skip
-        if not self.low < self.high:
-            raise ValueError(
-                f"limits = [{self.low:g}, {self.high:g}] must have low below high. "
-                f"Give the least and the largest command in {self.units[0]}."
-            )
+        check_limits(self.low, self.high, self.units[0])
         validation.number("Kp + Ki Ts", self.Kp + self.step, above=0.0, remedy=remedy)
         for name in ("Kp", "half", "step", "rate", "tracking", "largest", "low", "high"):
             size = abs(getattr(self, name))

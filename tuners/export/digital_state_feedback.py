@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.export.digital_pi import check_limits, unit
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
@@ -43,13 +44,7 @@ class DigitalStateFeedback:
         for name, value in {**self.gains, "reference_gain": self.reference_gain}.items():
             validation.number(name, value, remedy="Export gains that a tuner found.")
         validation.number("Ts", self.Ts, above=0.0, remedy="Give it in seconds.")
-        for name in ("low", "high"):
-            validation.number(name, getattr(self, name), remedy="Give a finite limit.")
-        if not self.low < self.high:
-            raise ValueError(
-                f"limits = [{self.low:g}, {self.high:g}] must have low below high. "
-                "Give the least and the largest command."
-            )
+        check_limits(self.low, self.high, unit(self.signals[0]))
 
     def run(self, reference: Array, states: Array, *, start: float = 0.0) -> Array:
         """Commands (N,) for references (N,) and states (N, n), from a command before them."""
