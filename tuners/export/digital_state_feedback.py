@@ -1,4 +1,6 @@
-"""A state feedback as a program runs it: ``u = min(max(kr r - k1 x1 - ... - kn xn, low), high)``.
+"""A state feedback as a program runs it: reference and states, weighted, between the limits.
+
+    u = min(max(kr r - k1 x1 - ... - kn xn, low), high)
 
 It has no state of its own, so that nothing winds up; a sample that is not finite holds the last
 output.

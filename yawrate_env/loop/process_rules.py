@@ -3,17 +3,16 @@
 Each gives ``kp (1 + 1/(Ti s) + Td s)``, and the weight b of the reference in its proportional part.
 With the wanted time constant tau_c of the closed loop, by default the dead time L,
 
-========  ====================  ===================================  ========================  =====
-rule      process               kp                                   Ti                        Td
-========  ====================  ===================================  ========================  =====
-simc      K e^-Ls/(T s + 1)     T/(K (tau_c + L))                    min(T, 4 (tau_c + L))     L/3
-          (T1 s + 1)(T2 s + 1)  T1/(K (tau_c + L))                   min(T1, 4 (tau_c + L))    T2
-lambda    K e^-Ls/(T s + 1)     PI T/(K (tau_c + L))                 T
-                                PID (T + L/2)/(K (tau_c + L/2))      T + L/2                   T L/(2T + L)
-          (T1 s + 1)(T2 s + 1)  (T1 + T2)/(K (tau_c + L))            T1 + T2                   T1 T2/(T1 + T2)
-          K e^-Ls/s             PI (2 tau_c + L)/(K (tau_c + L)^2)   2 tau_c + L
-                                PID (2 tau_c + L)/(K (tau_c + L/2)^2)  2 tau_c + L             (tau_c L + L^2/4)/(2 tau_c + L)
-========  ====================  ===================================  ========================  =====
+simc
+    K e^-Ls/(T s + 1): kp = T/(K (tau_c + L)), Ti = min(T, 4 (tau_c + L)), Td = L/3.
+    K e^-Ls/((T1 s + 1)(T2 s + 1)): kp = T1/(K (tau_c + L)), Ti = min(T1, 4 (tau_c + L)), Td = T2.
+lambda
+    K e^-Ls/(T s + 1), PI: kp = T/(K (tau_c + L)), Ti = T.  PID: kp = (T + L/2)/(K (tau_c + L/2)),
+    Ti = T + L/2, Td = T L/(2 T + L).
+    K e^-Ls/((T1 s + 1)(T2 s + 1)): kp = (T1 + T2)/(K (tau_c + L)), Ti = T1 + T2,
+    Td = T1 T2/(T1 + T2).
+    K e^-Ls/s, PI: kp = (2 tau_c + L)/(K (tau_c + L)^2), Ti = 2 tau_c + L.  PID: kp =
+    (2 tau_c + L)/(K (tau_c + L/2)^2), Ti = 2 tau_c + L, Td = (tau_c L + L^2/4)/(2 tau_c + L).
 
 SIMC's are those of a PI and a lead in series, which become the sum above; a PI of two lags gets the
 half rule.  An integrator is a lag of ``inf`` with the slope as its gain.  AMIGO (`amigo`) has no
@@ -23,7 +22,7 @@ Skogestad, J. Process Control 13, 2003; the lead L/3: Grimholt and Skogestad, J.
 2018.  Rivera, Morari and Skogestad, Ind. Eng. Chem. Process Des. Dev. 25, 1986; Chien and Fruehauf,
 Chem. Eng. Prog. 86, 1990.  Astrom and Hagglund, J. Process Control 14, 2004, and *Advanced PID
 Control*, section 7.
-"""  # noqa: E501, W505
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
