@@ -96,13 +96,15 @@ def absolute(page: str, address: str, tag: str) -> str:
 def commands(page: str) -> list[str]:
     """The commands ``yawrate ...`` of a page's shell blocks that the extra ``tune`` runs.
 
-    Left out are those whose comment says which other extra they need, and later ones that read
-    what those write.
+    Left out are those whose comment, behind them or in the line above, says which other extra
+    they need, and later ones that read what those write.
     """
     found, absent = [], set[str]()
     for block in re.findall(r"```sh\n(.*?)```", page, re.S):
+        above = ""
         for line in block.splitlines():
             command, _, comment = line.partition("#")
+            comment, above = comment + above, "" if command else comment
             words = command.split()
             if words[:1] != ["yawrate"]:
                 continue

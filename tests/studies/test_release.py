@@ -79,6 +79,8 @@ def test_commands_that_need_another_extra_are_left_out():
         "```sh\nyawrate init -o a.toml  # words\n"
         "yawrate train -o a.tuner  # needs yawrate[tuners]\n"
         "yawrate tune log.csv --tuner a.tuner\npip install x\n```\nyawrate no\n"
+        "```sh\n# a minute; needs yawrate[tuners]\nyawrate train -o b.tuner\n"
+        "yawrate tune log.csv --tuner b.tuner\n```\n"
         "```sh\nyawrate tune 'my log.csv'\n```"
     )
     assert source.commands(page) == ["yawrate init -o a.toml", "yawrate tune 'my log.csv'"]
