@@ -172,7 +172,7 @@ def trainings(episodes: int, progress: Progress) -> dict[str, float]:
     found = {}
     for name in RECIPES:
         start = time.perf_counter()
-        train(name, yaw_rate(Task()), episodes=episodes, calibration=0, progress=progress)
+        train(name, episodes=episodes, calibration=0, progress=progress)
         found[name] = time.perf_counter() - start
     return found
 
