@@ -228,7 +228,7 @@ Minari's tutorial does, and so learns their mean. d3rlpy asks for an older Gymna
 From raw samples (`--raw`): `transformer-raw` reads the recording itself, averaged down to 100 Hz,
 in 25 pieces of 0.4 s; three layers of width 64, 6 passes over as many simulations (a minute of
 processor time), and labels by the design rule. Labels and simulations are those of the two-stage
-learner `ff-laguerre`, which is a dot of the figure: a linear first stage,
+learner `ff-laguerre` (`ts-ff-lag`'s recipe): a linear first stage,
 which knows what noise is, is worth more here than attention.
 """
 

@@ -40,8 +40,9 @@ def learning_curves(scores: Sequence[Score]) -> Figure:
         below.set_xlabel("simulated episodes")
         many = f"{seeds} seeds" if seeds == most else f"{seeds} to {most} seeds"
         many = f"interquartile mean of {many} and its 95 % interval"
+        dots = "Dots: two stages.  " if any(s.episodes and not s.seconds for s in scores) else ""
         picture.supxlabel(
-            f"Agents: {many if most > 1 else 'one seed'}.  Dots: two stages.  "
+            f"Agents: {many if most > 1 else 'one seed'}.  {dots}"
             f"Dashed: no training.  oracle: 0.\n{chance(TEST_EPISODES)}",
             fontsize=8, color=INK, x=0.01, ha="left",
         )  # fmt: skip
