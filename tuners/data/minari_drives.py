@@ -18,7 +18,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.data.minari_file import References, check_new, written
+from tuners.data.minari_file import References, check_behaviours, check_new, written
 from yawrate_env import RECALIBRATION_ID, validation
 from yawrate_env.env.recalibration_env import PIRecalibrationVectorEnv
 
@@ -71,10 +71,7 @@ def export_drives(
     drives = validation.count("drives", drives, at_least=1, at_most=LARGEST)
     seed = validation.count("seed", seed, at_least=0)
     validation.instance("env_kwargs", env_kwargs or {}, dict, remedy="Give names with values.")
-    if not isinstance(behaviours, list | tuple) or not behaviours:
-        raise ValueError(f"behaviours = {behaviours!r} must be some of {DRIVE_BEHAVIOURS}.")
-    for name in behaviours:
-        validation.one_of("behaviour", name, DRIVE_BEHAVIOURS)
+    check_behaviours(behaviours, DRIVE_BEHAVIOURS)
     check_new(dataset_id)
     kwargs = env_kwargs or {}
     env = gymnasium.make(RECALIBRATION_ID, **kwargs)

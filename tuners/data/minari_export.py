@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 
 from tuners.agents.feature_map import ActionMap
 from tuners.data.manifest import DatasetError
-from tuners.data.minari_file import REFERENCE_EPISODES, References, check_new, written
+from tuners.data.minari_file import (
+    REFERENCE_EPISODES,
+    References,
+    check_behaviours,
+    check_new,
+    written,
+)
 from yawrate_env import ENV_ID, FEATURES_ID, PLANT_FEATURES_ID, PLANT_ID, validation
 from yawrate_env.plant.entry import find, named
 from yawrate_env.plant.episodes import SETS, Episodes, integers_of, parameters, ranges_of
@@ -95,10 +101,7 @@ def export_minari(
     validation.flag("raw", raw)
     validation.one_of("set of episodes", set, tuple(SETS))
     validation.instance("env_kwargs", env_kwargs or {}, dict, remedy="Give names with values.")
-    if not isinstance(behaviours, list | tuple) or not behaviours:
-        raise ValueError(f"behaviours = {behaviours!r} must be some of {', '.join(BEHAVIOURS)}.")
-    for name in behaviours:
-        validation.one_of("behaviour", name, BEHAVIOURS)
+    check_behaviours(behaviours, BEHAVIOURS)
     check_new(dataset_id)
     env = _environment(plant, raw, env_kwargs or {})
     ranges_of(env.unwrapped.plant, set)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tuners.data.manifest import DatasetError
+from yawrate_env import validation
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -48,6 +49,14 @@ def check_new(dataset_id: Any) -> None:
         ) from None
     if dataset_id in minari.list_local_datasets():
         raise DatasetError(f"Minari has {dataset_id} already. Delete it, or choose another name.")
+
+
+def check_behaviours(behaviours: Any, known: tuple[str, ...]) -> None:
+    """``ValueError`` unless `behaviours` is a list or tuple of known ones."""
+    if not isinstance(behaviours, list | tuple) or not behaviours:
+        raise ValueError(f"behaviours = {behaviours!r} must be some of {', '.join(known)}.")
+    for name in behaviours:
+        validation.one_of("behaviour", name, known)
 
 
 def written(
