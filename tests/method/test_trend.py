@@ -30,7 +30,7 @@ def test_a_quadratic_is_a_trend_and_leaves_nothing_to_the_learner():
 def test_the_learner_sees_decorrelated_features():
     (X, T), (X_val, T_val) = data(), data(seed=1)
     model = TrendSettings(STUMPS).fit([(X, T)], [(X_val, T_val)], 0)
-    inputs = (X - model.mean) @ model.matrix
+    inputs = model.polynomial.inputs(X)
     assert inputs.shape == (400, 3)  # the constant column says nothing
     np.testing.assert_allclose(inputs.T @ inputs / 400, np.eye(3), atol=1e-6)
 

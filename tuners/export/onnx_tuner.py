@@ -161,7 +161,7 @@ def _learner(graph: Graph, learner: Learner, X: str) -> str:
         case Polynomial():
             return _polynomial(graph, learner, X)[1]
         case Trend():
-            inputs, trend = _polynomial(graph, learner, X)
+            inputs, trend = _polynomial(graph, learner.polynomial, X)
             return graph.apply("Add", trend, _learner(graph, learner.rest, inputs))
         case GBM():
             return _trees(graph, learner, X)
@@ -173,7 +173,7 @@ def _learner(graph: Graph, learner: Learner, X: str) -> str:
     )
 
 
-def _polynomial(graph: Graph, found: Polynomial | Trend, X: str) -> tuple[str, str]:
+def _polynomial(graph: Graph, found: Polynomial, X: str) -> tuple[str, str]:
     """Decorrelated features (episodes, k), and their polynomial (episodes, targets)."""
     into, k = graph.constant, found.matrix.shape[1]
     centred = graph.apply("Sub", X, into(found.mean))

@@ -24,6 +24,7 @@ from yawrate_env.plant.episodes import sample
 
 _PLANTS = 24
 _TOLERANCE = 1e-9  # relative, of gains
+_INSTEAD = ", the whole tuner to target onnx, or one with a network, such as ts-ff-lag"
 
 
 def tuner_program(
@@ -85,30 +86,22 @@ def first_stage_program(tuner: Any, *, name: str = "yawrate_laguerre") -> dict[s
 
 def _network(learner: Learner) -> dict[str, Any]:
     """The network, and the trend before it if any; ``ValueError`` for other learners."""
-    trend = learner if isinstance(learner, Trend) else None
-    network = learner if trend is None else trend.rest
-    if isinstance(network, FeedForward):
-        return {"network": network, "trend": trend}
-    if isinstance(network, Polynomial):
-        raise ValueError(
-            "the tuner's polynomial is not written in C yet. Export its first stage alone with "
-            "features=True (--features), the whole tuner to target onnx, or one with a network, "
-            "such as ts-ff-lag."
-        )
-    if isinstance(network, Agent):
-        raise ValueError(
-            "the tuner's agent cannot be written in C. Export its first stage alone with "
-            "features=True (--features), or the whole tuner to target onnx."
-        )
-    if not isinstance(network, GBM):
-        raise ValueError(
-            f"the tuner's learner is a {type(network).__name__}, which cannot be written in C. "
-            "Export its first stage alone with features=True (--features)."
-        )
+    match learner:
+        case FeedForward():
+            return {"network": learner, "trend": None}
+        case Trend(polynomial=trend, rest=FeedForward() as network):
+            return {"network": network, "trend": trend}
+        case Trend() | GBM():
+            why, instead = "boosted trees, thousands of nodes each", _INSTEAD
+        case Polynomial():
+            why, instead = "polynomial", _INSTEAD
+        case Agent():
+            why, instead = "agent", _INSTEAD
+        case _:
+            why, instead = f"learner, a {type(learner).__name__},", ""
     raise ValueError(
-        "the tuner's boosted trees cannot be written in C: thousands of nodes each. Export its "
-        "first stage alone with features=True (--features), the whole tuner to target onnx, or "
-        "one with a network, such as ts-ff-lag."
+        f"the tuner's {why} cannot be written in C. Export its first stage alone with "
+        f"features=True (--features){instead}."
     )
 
 

@@ -8,6 +8,7 @@ Features are decorrelated first: combinations of small variance, which hold litt
 but much of the noise in the others, are scaled up to the same variance as these.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import combinations_with_replacement
@@ -50,16 +51,7 @@ class PolynomialSettings:
         progress: Progress | None = None,
     ) -> "Polynomial":
         """Fit to batches of (m, n) features and (m, t) targets, those that validate too."""
-        every = [training, validation]
-        mean, matrix = decorrelation(pair for batches in every for pair in batches)
-        normal = right = np.zeros(())
-        for batches in every:
-            for X, T in batches:
-                for i in range(0, len(X), _ROWS):
-                    P = polynomial((X[i : i + _ROWS] - mean) @ matrix, self.degree)
-                    normal, right = normal + P.T @ P, right + P.T @ T[i : i + _ROWS]
-        coefficients = np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0], dtype=np.float64)
-        return Polynomial(mean, matrix, coefficients, self.degree)
+        return least_squares((training, validation), self.degree)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +80,14 @@ class Polynomial:
 
     def __call__(self, X: Array) -> Array:
         """Predict (B, t) targets from (B, n) features."""
-        inputs = (X - self.mean) @ self.matrix
+        return self.of_inputs(self.inputs(X))
+
+    def inputs(self, X: Array) -> Array:
+        """Decorrelated features (B, k) of (B, n) features."""
+        return np.asarray((X - self.mean) @ self.matrix)
+
+    def of_inputs(self, inputs: Array) -> Array:
+        """Predict (B, t) targets from (B, k) decorrelated features."""
         return np.asarray(polynomial(inputs, self.degree) @ self.coefficients)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -109,6 +108,19 @@ class Polynomial:
         monomials = polynomial(np.zeros((1, k)), degree).shape[1]
         finite_array("coefficients", arrays["coefficients"], shape=(monomials, None))
         return cls(arrays["mean"], arrays["matrix"], arrays["coefficients"], degree)
+
+
+def least_squares(parts: Sequence[Batches], degree: int) -> Polynomial:
+    """The polynomial with the least sum of squared errors over all batches of all parts."""
+    mean, matrix = decorrelation(pair for batches in parts for pair in batches)
+    normal = right = np.zeros(())
+    for batches in parts:
+        for X, T in batches:
+            for i in range(0, len(X), _ROWS):
+                P = polynomial((X[i : i + _ROWS] - mean) @ matrix, degree)
+                normal, right = normal + P.T @ P, right + P.T @ T[i : i + _ROWS]
+    coefficients = np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0], dtype=np.float64)
+    return Polynomial(mean, matrix, coefficients, degree)
 
 
 def polynomial(x: Array, degree: int) -> Array:

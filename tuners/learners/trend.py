@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 
 from tuners.learners import feedforward, gbm
 from tuners.learners.batches import Batches, Progress
-from tuners.learners.polynomial import decorrelation, polynomial
-from yawrate_env.validation import count, finite_array
+from tuners.learners.polynomial import Polynomial, least_squares
+from yawrate_env.validation import count
 
 Array = NDArray[np.float64]
+
+HIGHEST = 2
+"""Degree of the polynomial, at most: what is written in C."""
 
 _RESTS: dict[str, Any] = {"gbm": gbm.GBM, "feedforward": feedforward.FeedForward}
 
@@ -37,6 +40,9 @@ class TrendSettings:
     rest: feedforward.FeedForwardSettings | gbm.GBMSettings
     degree: int = 1
 
+    def __post_init__(self) -> None:
+        count("degree", self.degree, at_most=HIGHEST, remedy="Leave the rest to the learner.")
+
     def fit(
         self,
         training: Batches,
@@ -45,17 +51,9 @@ class TrendSettings:
         progress: Progress | None = None,
     ) -> "Trend":
         """Train on batches of (m, n) features and (m, t) targets."""
-        mean, matrix = decorrelation(training)
-        normal = right = np.zeros(())
-        for X, T in training:
-            P = polynomial((X - mean) @ matrix, self.degree)
-            normal, right = normal + P.T @ P, right + P.T @ T
-        coefficients = np.asarray(np.linalg.lstsq(normal, right, rcond=None)[0], dtype=np.float64)
-        rest, checked = (
-            _Rest(data, mean, matrix, coefficients, self.degree) for data in (training, validation)
-        )
-        learner = self.rest.fit(rest, checked, random_state, progress)
-        return Trend(mean, matrix, coefficients, self.degree, learner)
+        trend = least_squares((training,), self.degree)
+        rest, checked = (_Rest(data, trend) for data in (training, validation))
+        return Trend(trend, self.rest.fit(rest, checked, random_state, progress))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,41 +62,31 @@ class Trend:
 
     Attributes
     ----------
-    mean, matrix : NDArray
-        (n,) and (n, k): features minus mean times matrix are decorrelated.
-    coefficients : NDArray
-        Of the polynomial, a column a target.
-    degree : int
-        Of the polynomial.
+    polynomial : Polynomial
+        The trend.
     rest : FeedForward or GBM
         Learner of the residual.
     """
 
-    mean: Array
-    matrix: Array
-    coefficients: Array
-    degree: int
+    polynomial: Polynomial
     rest: feedforward.FeedForward | gbm.GBM
 
     @property
     def width(self) -> int:
         """Number of features."""
-        return len(self.mean)
+        return self.polynomial.width
 
     def __call__(self, X: Array) -> Array:
         """Predict (B, t) targets from (B, n) features."""
-        inputs = (X - self.mean) @ self.matrix
-        return np.asarray(polynomial(inputs, self.degree) @ self.coefficients + self.rest(inputs))
+        inputs = self.polynomial.inputs(X)
+        return np.asarray(self.polynomial.of_inputs(inputs) + self.rest(inputs))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Arrays to save."""
         kinds = {kind: name for name, kind in _RESTS.items()}
         name = kinds[type(self.rest)]
         return {
-            "mean": self.mean,
-            "matrix": self.matrix,
-            "coefficients": self.coefficients,
-            "degree": np.array(self.degree),
+            **self.polynomial.arrays(),
             **{f"rest.{name}.{key}": array for key, array in self.rest.arrays().items()},
         }
 
@@ -112,15 +100,13 @@ class Trend:
                 rest[inner] = array
             else:
                 own[key] = array
-        degree = count("degree", int(own.pop("degree").item()), at_most=2)
-        n, k = np.shape(finite_array("matrix", own["matrix"], shape=(None, None)))
-        monomials = 1 + k + (k * (k + 1) // 2 if degree == 2 else 0)
-        finite_array("mean", own["mean"], shape=(n,))
-        finite_array("coefficients", own["coefficients"], shape=(monomials, None))
+        trend = Polynomial.from_arrays(own)
+        count("degree", trend.degree, at_most=HIGHEST)
         learner = _RESTS[name].from_arrays(rest)
+        k = trend.matrix.shape[1]
         if learner.width != k:
             raise ValueError(f"matrix has {k} columns, and the learner {learner.width} features.")
-        return cls(**own, degree=degree, rest=learner)
+        return cls(trend, learner)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,12 +114,9 @@ class _Rest:
     """Batches of decorrelated features and of the targets' residuals from the trend."""
 
     batches: Batches
-    mean: Array
-    matrix: Array
-    coefficients: Array
-    degree: int
+    trend: Polynomial
 
     def __iter__(self) -> Iterator[tuple[Array, Array]]:
         for X, T in self.batches:
-            inputs = (X - self.mean) @ self.matrix
-            yield inputs, T - polynomial(inputs, self.degree) @ self.coefficients
+            inputs = self.trend.inputs(X)
+            yield inputs, T - self.trend.of_inputs(inputs)
