@@ -16,7 +16,7 @@ time.  A number in place of a range is a parameter that is known.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,6 +148,14 @@ class Control:
     N: float = 10.0
     metrics: Sequence[Any] | Mapping[str, float] = ()
 
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Self:
+        """From keyword arguments of a plant."""
+        known = tuple(each.name for each in fields(cls))
+        for name in given:
+            validation.one_of("argument", name, ("experiment", *known))
+        return cls(**given)
+
     @property
     def changes(self) -> dict[str, Any]:
         """Settings that are not the usual ones, as plain JSON values."""
@@ -166,14 +174,14 @@ class Control:
 
     def aimed(self, Ts: float) -> Target:
         """The target, at the controller's sampling time."""
-        if self.target is not None:
-            return Target(**{"Ts": Ts, **self.target})
-        if self.rule == LOOP_SHAPING:
+        given = self.target or {}
+        lacks = [name for name in ("phase_margin", "crossover") if name not in given]
+        if lacks and (given or self.rule == LOOP_SHAPING):
             raise ValueError(
-                "target is missing: rule 'loop-shaping' needs "
+                f"target has no {' and no '.join(lacks)}. Give both, as in "
                 "target = {phase_margin = 60, crossover = 0.01} [deg, Hz]."
             )
-        return Target(crossover=0.1 / Ts, Ts=Ts)
+        return Target(**{"crossover": 0.1 / Ts, "Ts": Ts, **given})
 
     @property
     def counted(self) -> tuple[str, ...]:
@@ -203,7 +211,7 @@ def fopdt(
         Attributes of `Control`: ``controller="PID", rule="amigo"``.
     """
     prior = {"K": K, "T": T, "L": L}
-    return _process("fopdt", prior, _lag, experiment, Control(**control))
+    return _process("fopdt", prior, _lag, experiment, Control.of(control))
 
 
 def sopdt(
@@ -219,7 +227,7 @@ def sopdt(
     Lags T1, T2 [s]; K, L [s], `experiment` and `control` as for `fopdt`.
     """
     prior = {"K": K, "T1": T1, "T2": T2, "L": L}
-    return _process("sopdt", prior, _two_lags, experiment, Control(**control))
+    return _process("sopdt", prior, _two_lags, experiment, Control.of(control))
 
 
 def integrator(
@@ -233,7 +241,7 @@ def integrator(
     L [s], `experiment` and `control` are as for `fopdt`.
     """
     prior = {"K": K, "L": L}
-    return _process("integrator", prior, _integrator, experiment, Control(**control), True)
+    return _process("integrator", prior, _integrator, experiment, Control.of(control), True)
 
 
 def _process(

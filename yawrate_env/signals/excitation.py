@@ -112,7 +112,7 @@ def multilevel(
         As `prbs`, whose parameters the others are.
     """
     states = len(register(order))
-    remedy = f"A register of order {order} tells no more levels: raise the order."
+    remedy = "Give two or more; a register of a higher order tells more levels apart."
     validation.count("levels", levels, at_least=2, at_most=states, remedy=remedy)
     sequence = _states(order) * levels // (states + 1)
     chosen = sequence[_places(N, Ts, bit_time, start, states)]
