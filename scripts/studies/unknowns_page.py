@@ -63,7 +63,7 @@ def picture(rows: Sequence[Row]) -> Figure:
             axes.set_visible(False)
         for axes in panels[::2]:
             axes.set_ylabel("× the paper's")
-        panels[0].legend(loc="upper right", ncols=3)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
         figure.supxlabel("Standard deviation of the phase margin.  Line: as the paper's.",
                          fontsize=8, color=INK, x=0.01, ha="left")  # fmt: skip
     return figure
