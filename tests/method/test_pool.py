@@ -214,7 +214,7 @@ def test_the_right_car_is_rarely_called_out():
 
 def test_a_shifted_response_asks_for_so_much_more():
     tuner = black()
-    looks = [tuner.look(each) for each in at_20()]
+    looks = [tuner.inspection.look(each) for each in at_20()]
     zero = np.zeros((3, 1, 2))
     response = pooled([look.response for look in looks],
                       Coordinates.of([look.response for look in looks], zero, zero[0]))  # fmt: skip
