@@ -42,8 +42,9 @@ from tuners.export.features_program import features_program
 from tuners.export.gains import Gains, plant_settings
 from tuners.export.loops_program import loops_program
 from tuners.export.onnx_tuner import onnx_model
-from tuners.export.pi_program import REALS, pi_program
+from tuners.export.pi_program import pi_program
 from tuners.export.pid_program import pid_program, state_feedback_program
+from tuners.export.programs import REALS
 from tuners.export.schedule_program import GainTable, schedule_program
 from tuners.export.tuner_program import first_stage_program, tuner_program
 from tuners.tuner.result import Result

@@ -9,7 +9,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from tuners.export.digital_pi import SLOWEST, DigitalPI, unit
+from tuners.export.digital import SLOWEST, unit
+from tuners.export.digital_pi import DigitalPI
 from tuners.export.digital_pid import DigitalPID
 from tuners.export.digital_state_feedback import DigitalStateFeedback
 from tuners.export.forms import controller_of
