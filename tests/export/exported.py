@@ -16,7 +16,7 @@ from tuners.learners.feedforward import FeedForward, FeedForwardSettings, _Scali
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.polynomial import PolynomialSettings
 from tuners.learners.trend import TrendSettings
-from tuners.trust.black_box import suited_to_any_input
+from tuners.trust.basis import suited_to_any_input
 from tuners.tuner.stages import Stages, coordinates_of
 from yawrate_env.plant.episodes import recorded
 from yawrate_env.signals.excitation import RANDOM_ORDER, prbs
