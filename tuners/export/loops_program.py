@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from tuners.export.digital_pi import DigitalPI
-from tuners.export.pi_program import golden_errors, pi_program
+from tuners.export.pi_program import TOLERANCES, golden_errors, pi_program
 from tuners.export.programs import program
 from tuners.tuner.result import Result
 from yawrate_env.plant.names import split
@@ -107,7 +107,6 @@ def loops_program(
     runs = [(*golden_errors(loop.pi), loop) for loop in loops]
     errors = np.stack([loop.sign * errors for errors, _, loop in runs], axis=1)
     commands = np.stack([loop.pi.run(e, start=start) for e, start, loop in runs], axis=1)
-    tolerance = {"double": 1e-12, "float": 2e-5}[real]
     largest = max(abs(end) for loop in loops for end in (loop.pi.low, loop.pi.high))
     values = {
         "loops": loops,
@@ -116,6 +115,6 @@ def loops_program(
         "errors": errors,
         "commands": commands,
         "starts": [(loop.sign * start[0], start[1]) for _, start, loop in runs],
-        "tolerance": tolerance * max(largest, 1.0),
+        "tolerance": TOLERANCES[real] * max(largest, 1.0),
     }
     return files | program("loops", NAME, values)
