@@ -136,7 +136,8 @@ def test_other_pages_show_the_tables_of_the_results():
     front, page = ((ROOT / name).read_text() for name in ("README.md", "docs/accuracy.md"))
     for text, name in ((front, "table3"), (page, "ratios")):
         assert readme.updated(text, name, (RESULTS / f"{name}.md").read_text()) == text
-    summary = robustness_page.summary(robustness_page.read(stored("robustness"))[0])
+    rows, _, conditions = robustness_page.read(stored("robustness"))
+    summary = robustness_page.summary(rows, conditions)
     assert readme.updated(page, "robustness", summary) == page
     guide = (ROOT / "docs" / "nonlinear.md").read_text()
     scores = [nonlinear.Score(**row) for row in stored("nonlinear")["rows"]]
