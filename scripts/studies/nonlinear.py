@@ -241,7 +241,7 @@ def to_markdown(scores: Sequence[Score]) -> str:
 
 
 def summary(scores: Sequence[Score]) -> str:
-    """What docs/nonlinear.md shows: root mean square errors of the phase margin, and who is closer."""
+    """What docs/nonlinear.md shows: rms errors of the phase margin, and who is closer."""
     tuners = list(dict.fromkeys(s.tuner for s in scores if s.tuner != "oracle"))
     largest = max(s.amplitude for s in scores)
     rows = [
@@ -266,8 +266,9 @@ def _closer(scores: Sequence[Score], amplitude: float) -> str:
         f"At ±{amplitude:g}° the tuner of the nonlinear twin is {every[0]:.3g} times closer to the "
         f"target phase margin than that of the linear twin, and {every[1]:.3g} times closer to the "
         f"crossover; {low[0]:.3g} and {low[1]:.3g} times where μ_s < {LOW_FRICTION:g}. That of the "
-        f"twin with less grip is {mistaken:.2g} times closer to the phase margin. Of {ASKED} answers "
-        f"of the nonlinear twin's tuner {usable[0]:.0%} are usable, of the linear twin's {usable[1]:.0%}."
+        f"twin with less grip is {mistaken:.2g} times closer to the phase margin. Of {ASKED} "
+        f"answers of the nonlinear twin's tuner {usable[0]:.0%} are usable, of the linear twin's "
+        f"{usable[1]:.0%}."
     )
 
 

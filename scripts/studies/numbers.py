@@ -4,15 +4,16 @@ A number stands in a block that a program writes (`studies.readme`), or is follo
 comment that says where it comes from:
 
     98 %<!-- robustness.json: rows/0/usable * 100 -->
-    3°<!-- code: tuners.tuner.ladder:MISS/0 -->
+    3°<!-- code: studies.trusting:MISS/0 -->
     500 times<!-- nonlinear.json: rows/0/rms / rows/1/rms -->
 
 `studies.sources` has the grammar.  The number must be the source's, rounded to as many digits as it
 is printed with.
 
-Some numbers are no claims: code, formulas, the numerals of lists, names (2DOF), and references to
-equations, figures and years.  Each is recognised by a pattern of its own, which is narrow: code that is
-nothing but a number, or a formula with more than one-digit integers, needs a source, too.
+Some numbers are no claims: code, formulas, the numerals of lists, names (2DOF), indices of rows,
+and references to equations, figures and years.  Each is recognised by a pattern of its own, which
+is narrow: code that is nothing but a number, or a formula with more than one-digit integers,
+needs a source, too.
 """
 
 import re
@@ -26,9 +27,8 @@ NUMBER = (
     r"(?:\d{1,3}(?:[ ,\u00a0\u202f]\d{3})+(?!\d)|\d+)(?:\.\d+)?(?:e[-+]?\d+)?"
 )
 
-_ANCHOR = re.compile(
-    rf"((?:(?<!\w)[-−])?{NUMBER})([^\d<]{{0,12}})<!-- ((?:[\d.]+ [*/] )?(?:code|[\w/-]+\.json): .+?) -->"
-)
+_SOURCE = r"(?:[\d.]+ [*/] )?(?:code|[\w./-]+\.json): .+?"
+_ANCHOR = re.compile(rf"((?:(?<!\w)[-−])?{NUMBER})([^\d<]{{0,12}})<!-- ({_SOURCE}) -->")
 _GENERATED = re.compile(r"<!-- ([\w-]+):start -->.*?<!-- \1:end -->", re.DOTALL)
 _FENCE = re.compile(r"^( *)(```+|~~~+).*?^\1\2$", re.DOTALL | re.MULTILINE)
 _SPAN = re.compile(r"`([^`]*)`")
@@ -40,6 +40,7 @@ _BARE = re.compile(rf"[-−±~≈]?{NUMBER}\s*(?:%|°|[A-Za-z]{{1,3}}(?:/s)?)?")
 """Code that is nothing but a number, with a unit or without."""
 
 _ITEM = re.compile(r"^(?:#+ | *)(\d+)\. (?=\S)")
+_INDICES = re.compile(r"^\| (\d(?:, \d)*) \|")
 
 REFERENCES = (
     r"\beqs?\. \(\d{1,2}\)(?:, \(\d{1,2}\))*",
@@ -70,19 +71,26 @@ def wrong(page: str, root: Path) -> list[str]:
 def unanchored(page: str) -> list[str]:
     """Numbers without a source."""
     text = _GENERATED.sub("", page)
-    text = _FENCE.sub("", text)
+    text = "\n".join(_without_numerals(_FENCE.sub("", text).splitlines()))
     text = _COMMENT.sub(" ", _ANCHOR.sub(" ", text))
     text = _SPAN.sub(lambda found: found[1] if _BARE.fullmatch(found[1].strip()) else " ", text)
     text = _TARGET.sub("] ", text)
-    text = "\n".join(_without_numerals(text.splitlines()))
     text = _FORMULA.sub(lambda found: re.sub(r"(?<![\d.,])\d(?![\d.,])", " ", found[1]), text)
     return re.findall(NUMBER, _REFERENCE.sub(" ", text))
 
 
 def _without_numerals(lines: list[str]) -> Iterator[str]:
-    """Lines without the numerals of lists and headings, which begin at 1 and leave out none."""
-    last = dict.fromkeys((True, False), 0)
+    """Lines without the numerals of lists and headings and the indices of a table's rows.
+
+    Numerals begin at 1 and indices at 0, and none is left out.
+    """
+    last, index = dict.fromkeys((True, False), 0), -1
     for line in lines:
+        if row := _INDICES.match(line):
+            found = [int(n) for n in row[1].split(", ")]
+            if found == list(range(found[0], found[-1] + 1)) and found[0] in (0, index + 1):
+                index = found[-1]
+                line = line[row.end() :]
         item, heading = _ITEM.match(line), line.startswith("#")
         if item and int(item[1]) in (1, last[heading] + 1):
             last[heading] = int(item[1])

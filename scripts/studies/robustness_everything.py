@@ -68,7 +68,9 @@ def fitted(plant: Plant, model: BlackBox, start: Array) -> tuple[Array, Array]:
 def main() -> None:
     tuner = tuners.load(CLIMBER)
     task = task_of(tuner.plant)
-    ranges = {n: tuple(getattr(task.vehicle, n) * f for f in (1 - UNSURE, 1 + UNSURE)) for n in UNCERTAIN}
+    ranges = {
+        n: tuple(getattr(task.vehicle, n) * f for f in (1 - UNSURE, 1 + UNSURE)) for n in UNCERTAIN
+    }
     plant = yaw_rate(replace(task, prior=replace(task.prior, **ranges)), check=False)
     for kind in KINDS:
         for condition in CONDITIONS:

@@ -112,8 +112,9 @@ def summary(rows: Sequence[Row], conditions: dict[str, Any]) -> str:
         "what is wrong", "recordings", "learner misses", "ladder misses",
         "usable / with care / refused", "misses called usable", "with care", "intervals hold",
     )  # fmt: skip
+    kinds = {r.kind for r in rows} - {"nothing"}
     counted = (
-        f"{len({r.kind for r in rows} - {'nothing'})} kinds, {conditions['recordings']} recordings of each under "
+        f"{len(kinds)} kinds, {conditions['recordings']} recordings of each under "
         f"each of {_listed(_distinct(rows, 'condition'))}; a miss is unstable, or more than "
         f"{MISS[0]:g}° or {MISS[1]:g} Hz from what the design rule reaches on the true vehicle; "
         f"intervals are those of {LEVEL:.0%}."

@@ -4,10 +4,10 @@
     rows/tuner=gb&episodes=1500/rms  the one row of a list with these values
     rows/#                           how many
 
-A source is such a path behind a file, ``robustness.json: …`` (in results/, or from the project's folder
-where the name has a slash), or behind a name, ``code: module:name/…`` or ``code: module:name(parameter)/…``
-for a default.  Sources and numbers are multiplied and divided with ``*`` and ``/`` between blanks; a path
-alone is in the file before it, and ``degrees`` turns radians to degrees.
+A source is such a path behind a file of results/, ``robustness.json: …``, or behind a name,
+``code: module:name/…`` or ``code: module:name(parameter)/…`` for a default.  Sources and numbers
+are multiplied and divided with ``*`` and ``/`` between blanks; a path alone is in the file before
+it, and ``degrees`` turns radians to degrees.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-_TERM = re.compile(r"(code|[\w/-]+\.json): (.+)")
+_TERM = re.compile(r"(code|[\w./-]+\.json): (.+)")
 _NAME = re.compile(r"([\w.]+:[\w.]+)(?:\((\w+)\))?(?:/(.+))?")
 
 
@@ -57,7 +57,7 @@ def _term(term: str, where: str, root: Path) -> float:
         return math.degrees(1.0)
     if where == "code":
         return float(_of_code(term))
-    return float(_followed(_stored(root / where if "/" in where else root / "results" / where), term))
+    return float(_followed(_stored(root / "results" / where), term))
 
 
 def _of_code(term: str) -> Any:

@@ -22,6 +22,7 @@ from studies import (
     nonlinear_speed,
     off_design_page,
     plants,
+    printed,
     process_plants,
     ratios,
     readme,
@@ -145,6 +146,9 @@ def test_other_pages_show_the_tables_of_the_results():
     guide, results = ((ROOT / folder / "plants.md").read_text() for folder in ("docs", "results"))
     rows = [line for line in results.splitlines() if line.startswith("|")]
     assert len(rows) > 12 and set(rows) <= set(guide.splitlines())
+    guide = (ROOT / "docs" / "matlab.md").read_text()
+    assert readme.updated(guide, "matlab", printed.compared()) == guide
+    guide = (ROOT / "docs" / "plants.md").read_text()
     summary = process_plants.overview(stored("process_plants"))
     assert readme.updated(guide, "process_plants", summary) == guide
     (part,) = stored("channels").values()
