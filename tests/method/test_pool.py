@@ -9,7 +9,8 @@ from first_order import SIGMA, TS, U, linear, plant
 from vehicle_logs import VEHICLE, black, drive, learned
 
 import tuners
-from tuners.trust.black_box import black_box, functions_for
+from tuners.trust.basis import functions_for
+from tuners.trust.black_box import black_box
 from tuners.trust.fit import fit
 from tuners.tuner.method import Rung
 from tuners.tuner.pooling.agreement import Estimates, against_others

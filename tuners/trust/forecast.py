@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.features.laguerre import Laguerre
-from tuners.trust.black_box import SAMPLES, black_box, functions_for
+from tuners.trust.basis import functions_for
+from tuners.trust.black_box import SAMPLES, black_box
 from tuners.trust.bound import metric_slopes, spread
 from tuners.trust.identification import covariance_of, output_slopes
 from tuners.trust.intervals import GAUSSIAN

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.features.laguerre import Laguerre
-from tuners.trust.black_box import black_box, functions_for, left_over
+from tuners.trust.basis import functions_for, left_over
+from tuners.trust.black_box import black_box
 from tuners.trust.feedback import opened, projected_on
 from tuners.trust.findings import Findings
 from tuners.trust.fit import fit

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from yawrate_env.batch import take
 from yawrate_env.loop import closed_loop
 from yawrate_env.loop.loops import Evaluation
-from yawrate_env.loop.margins import open_loop
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import open_loop
 from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context, theta_of
 from yawrate_env.vehicle.task import Task

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tuners.tuner.method import Rung
 from tuners.tuner.result import Result
 from yawrate_env.loop.controllers import CONTROLLERS
-from yawrate_env.loop.margins import TransferFunction
+from yawrate_env.loop.transfer_function import TransferFunction
 from yawrate_env.plant.responses import OpenLoop
 from yawrate_env.plant.sliders import Choice, Sliders
 
