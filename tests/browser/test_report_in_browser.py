@@ -38,7 +38,7 @@ def told(page, name):
 
 def test_it_opens_with_the_answer_and_sliders_move_it(page):
     kp, Ti = result_of("vehicle").gains.values()
-    assert told(page, "gains") == f"Kp {kp:.6g} s, Ti {Ti:.6g} s"
+    assert told(page, "gains") == f"kp {kp:.6g} s, Ti {Ti:.6g} s"
     before = told(page, "margins")
     page.locator("#crossover").focus()
     for _ in range(5):
@@ -53,10 +53,10 @@ def test_it_opens_with_the_answer_and_sliders_move_it(page):
 
 
 def test_buttons_copy_or_offer_the_text(page):
-    page.get_by_label("PID").check()
+    page.get_by_label("Controller").select_option("PID")
     assert "Td" in told(page, "gains")
     assert not page.get_by_role("button", name="Copy C", exact=True).is_visible()
-    page.get_by_label("PI", exact=True).check()
+    page.get_by_label("Controller").select_option("PI")
     page.get_by_role("button", name="Copy C", exact=True).click()
     page.wait_for_function("document.querySelector('[data-copied]').textContent !== ''")
     assert "@" not in page.locator("[data-text]").input_value()
@@ -88,7 +88,7 @@ def test_charts_are_drawn_and_paper_gets_the_still_pictures_until_something_move
     page.emulate_media(media="print")
     assert page.locator(".still.loop").is_visible() and not page.locator("#live").is_visible()
     page.emulate_media(media="screen")
-    page.get_by_label("PID").check()
+    page.get_by_label("Controller").select_option("PID")
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
     widths = {canvas.bounding_box()["width"] for canvas in page.locator("#live canvas").all()}
     assert widths == {310}

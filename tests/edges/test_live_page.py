@@ -16,9 +16,14 @@ import tuners
 from tuners.cli.report.live import live
 from tuners.pidtune import pidtune
 from tuners.trust.response import Response
+from tuners.tuner.method import Rung
+from yawrate_env.loop.controllers import CONTROLLERS
 from yawrate_env.loop.design import design_from_response
 from yawrate_env.loop.loops import Loops
+from yawrate_env.loop.state_feedback import StateFeedback
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.control_loop import ControlLoop
+from yawrate_env.plants import sopdt
 from yawrate_env.vehicle.task import Experiment
 
 SCRIPT = ROOT / "tuners" / "cli" / "report" / "templates" / "loop.js"
@@ -26,12 +31,12 @@ COUNT, HORIZON = 200, 600
 ASK = """
 const Loop = require(process.argv[1]);
 const {model, positions, samples} = JSON.parse(require("fs").readFileSync(0));
-console.log(JSON.stringify(positions.map(([kind, crossover, margin, delay]) => {
-  const C = Loop.design(model, kind, crossover, margin, delay);
+console.log(JSON.stringify(positions.map((position) => {
+  const C = Loop.design(model, position), {delay} = position;
   if (C === null) return null;
   const found = Loop.margins(model, C, delay), drawn = Loop.responses(model, C, delay, samples);
-  return {gains: Loop.gains(C), found, stable: Loop.stable(found, drawn), step: [...drawn.step],
-          spread: Loop.spread(model, C, delay, found)};
+  return {gains: C.gains, limited: C.limited, found, stable: Loop.stable(model, C, found, drawn),
+          step: [...drawn.step], spread: Loop.spread(model, C, delay, found)};
 })));
 """
 
@@ -45,20 +50,27 @@ def answer(tuner):
     return result, live(result, log, tuner)
 
 
-def asked(tuner, kinds):
+def asked(model, kinds, samples=HORIZON):
     """Positions, and what the page's script makes of them."""
-    _, model = answer(tuner)
-    rng, reach = np.random.default_rng(0), model["range"]
+    rng, of = np.random.default_rng(0), {one["name"]: one for one in model["sliders"]}
+    crossover = of.get("crossover", {"min": 0.0, "max": 0.0})
     positions = [
-        (str(rng.choice(kinds)), rng.uniform(reach["slowest"], reach["fastest"]),
-         rng.uniform(30.0, 80.0), int(rng.integers(0, 8)))
+        {"kind": str(rng.choice(kinds)), "margin": rng.uniform(30.0, 80.0),
+         "crossover": np.exp(rng.uniform(crossover["min"], crossover["max"])),
+         "delay": int(rng.integers(0, 8)),
+         "asked": int(rng.integers(0, of["asked"]["max"] + 1)) if "asked" in of else 0}
         for _ in range(COUNT)
     ]  # fmt: skip
-    sent = json.dumps({"model": model, "positions": positions, "samples": HORIZON})
+    return positions, told(ASK, {"model": model, "positions": positions, "samples": samples})
+
+
+def told(script, sent):
+    """What a script prints."""
     done = subprocess.run(
-        ["node", "-e", ASK, str(SCRIPT)], input=sent, capture_output=True, text=True, check=True
-    )
-    return positions, json.loads(done.stdout)
+        ["node", "-e", script, str(SCRIPT)], input=json.dumps(sent), capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    return json.loads(done.stdout)
 
 
 def fitted_loops(result, target):
@@ -68,10 +80,10 @@ def fitted_loops(result, target):
 
 
 def test_around_the_fitted_plant_gains_and_margins_are_those_of_rule_r():
-    result, _ = answer("ts-ff-lag-vx")
+    result, model = answer("ts-ff-lag-vx")
     reached = 0
-    for (_, crossover, margin, delay), told in zip(*asked("ts-ff-lag-vx", ["PI"]), strict=True):
-        target = Target(margin, crossover, 0.01, delay)
+    for at, told in zip(*asked(model, ["PI"]), strict=True):
+        target = Target(at["margin"], at["crossover"], 0.01, at["delay"])
         loops = fitted_loops(result, target)
         design = loops.design()
         assert (told is None) == np.isnan(design.kp[0])
@@ -79,31 +91,41 @@ def test_around_the_fitted_plant_gains_and_margins_are_those_of_rule_r():
             continue
         reached += 1
         gains, found = told["gains"], loops.evaluate(design.kp, design.Ti)
-        assert [gains["Kp"], gains["Ti"]] == pytest.approx([design.kp[0], design.Ti[0]], rel=1e-6)
-        names = {"phaseMargin": "phase_margin", "crossover": "crossover",
-                 "delayMargin": "delay_margin"}  # fmt: skip
-        for name, python in names.items():
-            expected = getattr(found.margins, python)[0]
-            assert told["found"][name] == pytest.approx(expected, rel=1e-6), name
-        loop_at_turn = 10 ** (-found.margins.gain_margin[0] / 20)
-        assert 10 ** (-told["found"]["gainMargin"] / 20) == pytest.approx(loop_at_turn, rel=1e-6)
-        modulus = found.margins.modulus_margin[0]
-        assert told["found"]["modulusMargin"] == pytest.approx(modulus, abs=1e-6)
+        of_Ti = 1e-6 * max(1, design.Ti[0] * target.omega_c / 100)  # as its phase goes to 0
+        assert gains["kp"] == pytest.approx(design.kp[0], rel=1e-6)
+        assert gains["Ti"] == pytest.approx(design.Ti[0], rel=of_Ti)
+        same_margins(told["found"], found.margins)
         assert told["stable"] == found.stable[0]
     assert reached > COUNT // 2
 
 
+def same_margins(told, margins):
+    """The page's margins are Python's."""
+    names = {"phaseMargin": "phase_margin", "crossover": "crossover",
+             "delayMargin": "delay_margin"}  # fmt: skip
+    for name, python in names.items():
+        value, expected = told[name], getattr(margins, python)[0]
+        assert (np.nan if value is None else value) == pytest.approx(
+            expected, rel=1e-6, nan_ok=True
+        ), name
+    turn = np.inf if told["gainMargin"] is None else told["gainMargin"]
+    expected = 10 ** (-margins.gain_margin[0] / 20)
+    assert 10 ** (-turn / 20) == pytest.approx(expected, rel=1e-5, abs=1e-6)
+    modulus = margins.modulus_margin[0]  # the grid ends a little before half the rate
+    assert told["modulusMargin"] == pytest.approx(modulus, abs=1e-5)
+
+
 def test_around_the_recordings_own_response_gains_are_those_of_rule_r():
     """Asked anew for another crossover it may weight coloured noise a little otherwise."""
-    result, _ = answer("bb")
+    result, model = answer("bb")
     shown = result.response
-    for (_, crossover, margin, delay), told in zip(*asked("bb", ["PI"]), strict=True):
-        target = Target(margin, crossover, 0.01, delay)
+    for at, told in zip(*asked(model, ["PI"]), strict=True):
+        target = Target(at["margin"], at["crossover"], 0.01, at["delay"])
         kp, Ti = ruled(shown, target)
         assert (told is None) == np.isnan(kp)
         if told is None:
             continue
-        assert [told["gains"]["Kp"], told["gains"]["Ti"]] == pytest.approx([kp, Ti], rel=1e-6)
+        assert [told["gains"]["kp"], told["gains"]["Ti"]] == pytest.approx([kp, Ti], rel=1e-6)
         anew = Response.of(shown.model, target)
         gains = np.array([[kp, Ti]])
         spread = anew.spread(gains)[0]
@@ -123,39 +145,162 @@ def ruled(response, target):
 
 
 def test_other_kinds_are_those_of_pidtune():
-    result, _ = answer("ts-ff-lag-vx")
+    result, model = answer("ts-ff-lag-vx")
     plant = fitted_loops(result, Target()).plant
-    told_of = asked("ts-ff-lag-vx", ["P", "PID"])
-    for (kind, crossover, margin, delay), told in list(zip(*told_of, strict=True))[::5]:
-        z = control.tf([1], [1] + delay * [0], 0.01)
+    kinds = ["P", "PD", "PID", "PIDF"]
+    for at, told in list(zip(*asked(model, kinds), strict=True))[::5]:
+        z = control.tf([1], [1] + at["delay"] * [0], 0.01)
         system = control.ss(plant.A[0], plant.B[0][:, None], plant.C[None], 0, 0.01) * z
-        C, info = pidtune(system, kind + "F" * (kind == "PID"), wc=2 * np.pi * crossover, pm=margin)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            C, info = pidtune(system, at["kind"], wc=2 * np.pi * at["crossover"], pm=at["margin"])
         assert (told is None) == (C is None)
         if told is None:
             continue
-        gains = {"Kp": info.Kp, "Ki": info.Ki, "Kd": info.Kd}
-        assert {n: told["gains"][n] for n in gains} == pytest.approx(gains, rel=1e-6)
+        gains = {"kp": info.Kp, "Ti": info.Kp / info.Ki if info.Ki else np.inf,
+                 "Td": info.Kd / info.Kp, "Tf": info.Tf}  # fmt: skip
+        gains = {name: gains[name] for name in told["gains"]}
+        assert told["gains"] == pytest.approx(gains, rel=1e-6)
+
+
+@cache
+def loop_of(rule, controller="2DOF"):
+    """A loop around a process, and one of its plants."""
+    aim = {"phase_margin": 60, "crossover": 0.008}
+    given = {"target": aim} if rule == "loop-shaping" else {}
+    plant = sopdt(controller=controller, rule=rule, metrics=["phase_margin [deg]"], **given)
+    return plant, np.array([1.2, 22.0, 5.0, 6.3])
+
+
+@cache
+def servo():
+    """A state feedback of an unstable plant, and one of its plants."""
+    loop = ControlLoop.of(
+        lambda theta: control.ss([[0.8, 1], [0, -theta[0]]], [[0], [-theta[1]]], [[1, 0]], 0),
+        0.01, Target(60, 1, 0.01), ("force", "position"),
+        controller=StateFeedback(("k1", "k2")), rule="lqr", weight=0.02,
+        metrics=("phase_margin [deg]",),
+    )  # fmt: skip
+    prior = {"friction": (0.5, 3.0), "gain": (0.5, 2.0)}
+    return loop.plant(prior=prior, u=np.ones(300), check=False), np.array([1.4, 1.1])
+
+
+def answered(plant, theta):
+    """What the page gets for one plant with the gains of its rule."""
+    result, _ = answer("ts-ff-lag-vx")
+    gains = dict(zip(plant.gains, plant.oracle(theta[None])[0], strict=True))
+    parameters = dict(zip(plant.prior, theta, strict=True))
+    made = replace(
+        result,
+        plant=plant,
+        gains=gains,
+        intervals={},
+        rung=Rung.FITTED_PLANT,
+        response=None,
+        open_loop=None,
+        fit=replace(result.fit, parameters=parameters),
+    )
+    return json.loads(json.dumps(live(made, log_of("vehicle"), "any"), allow_nan=False))
+
+
+def moved(loop, model, at):
+    """The loop at a position, by Python."""
+    settings = {"target": replace(loop.target, delay_samples=at["delay"])}
+    if loop.controller.name != at["kind"]:
+        settings["controller"] = CONTROLLERS[at["kind"]]
+    if model["pace"] is None:
+        return replace(loop, **settings)
+    if model["pace"]["slider"] == "crossover":
+        settings["target"] = replace(settings["target"], phase_margin=at["margin"],
+                                     crossover=at["crossover"])  # fmt: skip
+        return replace(loop, **settings)
+    values = next(one["values"] for one in model["sliders"] if one["name"] == "asked")
+    name = {"simc": "tau_c", "lambda": "tau_c", "ms": "Ms", "lqr": "weight"}[loop.rule]
+    return replace(loop, **settings, **{name: values[at["asked"]]})
+
+
+@pytest.mark.parametrize("case, kinds", [
+    *((("loop-shaping", "2DOF"), [kind])
+      for kind in ("P", "PI", "PD", "PID", "PIDF", "PI-D", "2DOF", "lead-lag")),
+    (("simc", "2DOF"), ["PI", "PID", "PIDF", "PI-D", "2DOF"]),
+    (("amigo", "PI-D"), ["PI", "PID", "PIDF", "PI-D", "2DOF"]),
+    pytest.param(("ms", "PIDF"), ["PI", "PID", "PIDF", "PI-D", "2DOF"], marks=pytest.mark.slow),
+    (None, ["state feedback"]),
+], ids=str)  # fmt: skip
+def test_every_controllers_gains_and_margins_are_those_of_its_rule(case, kinds):
+    plant, theta = loop_of(*case) if case else servo()
+    loop, model = plant.design.__self__, answered(plant, theta)
+    assert set(kinds) <= set(model["kinds"])
+    reached = 0
+    for at, told in zip(*asked(model, kinds, 400), strict=True):
+        made = moved(loop, model, at)
+        gains, ok = made.design(theta[None])
+        assert (told is None) == np.isnan(gains).any(), at
+        if told is None:
+            continue
+        reached += 1
+        expected = dict(zip(made.controller.gains, gains[0], strict=True))
+        assert told["gains"] == pytest.approx(expected, rel=1e-6), at
+        assert told["limited"] in (False, not ok[0])
+        closed = made.closed(theta[None], gains)
+        same_margins(told["found"], closed.margins)
+        assert told["stable"] == closed.feedback.stable[0], at
+    assert reached > COUNT // 5  # a PD and a lead-lag must lead
+
+
+STEPS = """
+const Loop = require(process.argv[1]);
+const {model, positions, samples} = JSON.parse(require("fs").readFileSync(0));
+console.log(JSON.stringify(positions.map((position) => {
+  const C = Loop.design(model, position);
+  if (C === null) return null;
+  const drawn = Loop.responses(model, C, position.delay, samples);
+  return [[...drawn.step], [...drawn.disturbance], [...drawn.command]];
+})));
+"""
+
+
+@pytest.mark.parametrize("case", [("loop-shaping", "2DOF"), ("simc", "PI-D"), None], ids=str)
+def test_steps_of_every_controller_are_the_closed_loops(case):
+    plant, theta = loop_of(*case) if case else servo()
+    loop, model, samples = plant.design.__self__, answered(plant, theta), 300
+    kinds = list(model["kinds"])
+    positions = [{"kind": kind, "margin": 60.0, "crossover": loop.target.crossover, "delay": 1,
+                  "asked": model["start"]["asked"], "b": 0.4} for kind in kinds]  # fmt: skip
+    drawn = told(STEPS, {"model": model, "positions": positions, "samples": samples})
+    assert sum(one is not None for one in drawn) >= len(kinds) - 2  # a PD and a lead-lag lead
+    for at, told_of in zip(positions, drawn, strict=True):
+        made = moved(loop, model, at)
+        gains = made.design(theta[None])[0]
+        if told_of is None:
+            continue
+        step, disturbance, command = told_of
+        if "b" in made.controller.gains:
+            gains[0, made.controller.gains.index("b")] = 0.4
+        feedback = made.closed(theta[None], gains).feedback
+        one, none = np.ones(samples), np.zeros(samples)
+        (y,), (u,) = feedback.respond(one)
+        np.testing.assert_allclose(step, y, atol=1e-7, err_msg=at["kind"])
+        np.testing.assert_allclose(command, u, rtol=1e-7, atol=1e-7, err_msg=at["kind"])
+        np.testing.assert_allclose(disturbance, feedback.respond(none, one)[0][0], atol=1e-7)
 
 
 def test_the_step_is_the_closed_loops_own():
     result, model = answer("ts-ff-lag-vx")
-    kp, Ti = result.gains.values()
     ask = """
     const Loop = require(process.argv[1]), model = JSON.parse(require("fs").readFileSync(0));
-    const {kp, Ti} = model.start, drawn = Loop.responses(model, Loop.pi(kp, Ti), 0, 250);
+    const C = Loop.controller(model.kinds.PI, model.start.gains, model.Ts);
+    const drawn = Loop.responses(model, C, 0, 250);
     console.log(JSON.stringify([[...drawn.step], [...drawn.disturbance]]));
     """
-    done = subprocess.run(["node", "-e", ask, str(SCRIPT)], input=json.dumps(model),
-                          capture_output=True, text=True, check=True)  # fmt: skip
-    for told, response in zip(json.loads(done.stdout), result.loop.responses, strict=True):
-        assert told == pytest.approx(response.value[:250], abs=1e-8)
+    for told_of, response in zip(told(ask, model), result.loop.responses, strict=True):
+        assert told_of == pytest.approx(response.value[:250], abs=1e-8)
 
 
 BANDS = """
 const Loop = require(process.argv[1]);
 const {models, delay, samples} = JSON.parse(require("fs").readFileSync(0));
 console.log(JSON.stringify(models.map((model) => {
-  const C = Loop.pi(model.start.kp, model.start.Ti);
+  const C = Loop.controller(model.kinds.PI, model.start.gains, model.Ts);
   const given = [model, C, delay, samples];
   const found = Loop.responses(...given), half = Loop.halfWidths(...given);
   return ["step", "disturbance"].map((name) => [[...found[name]], [...half[name]]]);
@@ -165,11 +310,7 @@ console.log(JSON.stringify(models.map((model) => {
 
 def banded(models, delay, samples):
     """Responses and half widths of their bands, (models, 2, 2, samples)."""
-    sent = json.dumps({"models": models, "delay": delay, "samples": samples})
-    done = subprocess.run(
-        ["node", "-e", BANDS, str(SCRIPT)], input=sent, capture_output=True, text=True, check=True
-    )
-    return np.array(json.loads(done.stdout))
+    return np.array(told(BANDS, {"models": models, "delay": delay, "samples": samples}))
 
 
 def test_bands_are_the_responses_derivatives():
@@ -209,6 +350,8 @@ def test_without_a_pi_loop_nothing_can_be_moved():
     log = log_of("vehicle")
     assert live(replace(result, gains=none, open_loop=None), log, "bb") is None
     assert live(replace(result, plant=replace(result.plant, loop=None)), log, "bb") is None
+    handmade = replace(result.plant, sliders=None)
+    assert set(live(replace(result, plant=handmade), log, "bb")["kinds"]) > {"PI", "PIDF"}
 
 
 def test_a_page_has_no_bands_where_nothing_is_known_or_they_would_be_too_large(monkeypatch):

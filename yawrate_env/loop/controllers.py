@@ -33,7 +33,7 @@ from yawrate_env.loop import controller
 from yawrate_env.loop.design import design_from_response
 from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.feedback import Feedback
-from yawrate_env.loop.law import KINDS, Status, filter_time, supply
+from yawrate_env.loop.law import KINDS, Kind, Status, filter_time, supply
 from yawrate_env.loop.parallel import Parallel
 from yawrate_env.loop.shaping import lead_lag
 from yawrate_env.loop.target import Target
@@ -128,6 +128,11 @@ class PID(_OfOutput):
         return "Td" in self.gains
 
     @property
+    def law(self) -> Kind:
+        """Its form in rule R."""
+        return KINDS[_KINDS.get(self.name, self.name)]
+
+    @property
     def coordinates(self) -> tuple[str, ...]:
         """Logarithms; b itself."""
         return tuple("linear" if name == "b" else "log" for name in self.gains)
@@ -156,7 +161,7 @@ class PID(_OfOutput):
         self, log_magnitude: Array, phase: Array, target: Target
     ) -> tuple[Array, NDArray[np.int64]]:
         """As `Controller` says, by rule R (`yawrate_env.loop.law`)."""
-        omega, kind = controller.warped(target), KINDS[_KINDS.get(self.name, self.name)]
+        omega, kind = controller.warped(target), self.law
         Tf = filter_time(kind, omega, target.Ts)
         spare = np.pi - np.radians(target.phase_margin)
         found, status = supply(kind, log_magnitude, phase, omega, Tf, spare)

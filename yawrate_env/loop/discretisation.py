@@ -99,11 +99,11 @@ def _exponentials(X: NDArray[np.float64]) -> NDArray[np.float64]:
     """Exponentials and their p derivatives of (K, 1 + p, m, m) matrices and theirs."""
     norms = np.abs(X[:, 0]).sum(axis=1).max(axis=1)
     squarings = np.ceil(np.log2(np.maximum(2.0 * norms, 1.0))).astype(np.int64)
-    scaled = np.ascontiguousarray(X * (0.5**squarings)[:, None, None, None])
-    E = np.empty(X.shape)
+    E: NDArray[np.float64] = np.multiply(X, (0.5**squarings)[:, None, None, None], order="C")
+    rows, size = E.reshape(len(E), -1), X.shape[-1]
 
     def some(i: int, j: int) -> None:
-        _expm(scaled[i:j], squarings[i:j], _COEFFICIENTS, np.empty((5, *X.shape[1:])), E[i:j])
+        _expm(rows[i:j], size, squarings[i:j], _COEFFICIENTS, np.empty((5, rows.shape[1])))
 
     over_blocks(some, len(X), _BLOCK)
     return E
@@ -117,57 +117,54 @@ def augmented(A: NDArray[np.float64], B: NDArray[np.float64], Ts: float) -> NDAr
 
 
 @subkernel
-def _multiply(P: NDArray[np.float64], Q: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    """A product and its derivatives, (1 + p, m, m)."""
-    size = P.shape[1]
-    for q in range(len(P)):
-        for i in range(size):
+def _multiply(
+    P: NDArray[np.float64], Q: NDArray[np.float64], size: int, out: NDArray[np.float64]
+) -> None:
+    """A product and its derivatives, (1 + p) m m numbers."""
+    square = size * size
+    for q in range(0, len(P), square):
+        for i in range(0, square, size):
             for j in range(size):
-                out[q, i, j] = 0.0
-            for k in range(size):
-                for j in range(size):
-                    out[q, i, j] += P[0, i, k] * Q[q, k, j]
-            if q > 0:
+                total = 0.0
                 for k in range(size):
-                    for j in range(size):
-                        out[q, i, j] += P[q, i, k] * Q[0, k, j]
+                    total += P[i + k] * Q[q + k * size + j]
+                if q > 0:
+                    for k in range(size):
+                        total += P[q + i + k] * Q[k * size + j]
+                out[q + i + j] = total
 
 
 @kernel
 def _expm(
     X: NDArray[np.float64],
+    size: int,
     squarings: NDArray[np.int64],
     c: NDArray[np.float64],
     work: NDArray[np.float64],
-    out: NDArray[np.float64],
 ) -> None:
-    """Sum of X^k / k! to k = 16 in six products (Paterson and Stockmeyer, 1973), and squares."""
-    count, size = X.shape[1], X.shape[2]
-    X2, X3, X4, E, other = work[0], work[1], work[2], work[3], work[4]
+    """Sum of X^k / k! to k = 16 in six products (Paterson and Stockmeyer, 1973), and squares.
+
+    Matrices and their derivatives lie in rows of X (K, (1 + p) m m), which become the results.
+    """
+    width = X.shape[1]
     for b in range(len(X)):
         X1 = X[b]
-        _multiply(X1, X1, X2)
-        _multiply(X2, X1, X3)
-        _multiply(X2, X2, X4)
-        for q in range(count):
-            for i in range(size):
-                for j in range(size):
-                    other[q, i, j] = c[16] * X4[q, i, j]
+        for q in range(width):
+            work[0, q] = X1[q]
+        for left, right in ((0, 0), (1, 0), (1, 1)):
+            _multiply(work[left], work[right], size, work[left + right + 1])
+        for q in range(width):
+            work[4, q] = c[16] * work[3, q]
         for k in (12, 8, 4, 0):
-            for q in range(count):
-                for i in range(size):
-                    for j in range(size):
-                        E[q, i, j] = other[q, i, j] + c[k + 1] * X1[q, i, j]
-                        E[q, i, j] += c[k + 2] * X2[q, i, j]
-                        E[q, i, j] += c[k + 3] * X3[q, i, j]
-            for i in range(size):
-                E[0, i, i] += c[k]
+            for q in range(width):
+                total = work[4, q] + c[k + 1] * work[0, q]
+                total += c[k + 2] * work[1, q]
+                X1[q] = total + c[k + 3] * work[2, q]
+            for i in range(0, size * size, size + 1):
+                X1[i] += c[k]
             if k > 0:
-                _multiply(E, X4, other)
+                _multiply(X1, work[3], size, work[4])
         for _ in range(squarings[b]):
-            _multiply(E, E, other)
-            E, other = other, E
-        for q in range(count):
-            for i in range(size):
-                for j in range(size):
-                    out[b, q, i, j] = E[q, i, j]
+            _multiply(X1, X1, size, work[4])
+            for q in range(width):
+                X1[q] = work[4, q]

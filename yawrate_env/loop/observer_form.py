@@ -139,45 +139,52 @@ def _leverrier(
     for b in range(len(A)):
         for i in range(n):
             for j in range(n):
-                work[0, i, j] = 1.0 if i == j else 0.0
-                D[i, j] = A[b, i, j] - centre[b] * work[0, i, j]
+                one = 1.0 if i == j else 0.0
+                work[0, i, j], D[i, j] = one, A[b, i, j] - centre[b] * one
         for k in range(n):
             M, DM = work[k], work[k + 1]
-            beta[b, k] = 0.0
+            total = 0.0
             for j in range(n):
-                rows[b, k, j] = 0.0
+                row = 0.0
                 for i in range(n):
-                    rows[b, k, j] += C[b, i] * M[i, j]
-                beta[b, k] += rows[b, k, j] * B[b, j]
-            alpha[b, k] = 0.0
+                    row += C[b, i] * M[i, j]
+                rows[b, k, j] = row
+                total += row * B[b, j]
+            beta[b, k] = total
+            trace = 0.0
             for i in range(n):
                 for j in range(n):
-                    DM[i, j] = 0.0
+                    total = 0.0
                     for m in range(n):
-                        DM[i, j] += D[i, m] * M[m, j]
-                alpha[b, k] -= DM[i, i] / (k + 1.0)
+                        total += D[i, m] * M[m, j]
+                    DM[i, j] = total
+                trace -= DM[i, i] / (k + 1.0)
             for i in range(n):
-                DM[i, i] += alpha[b, k]
+                DM[i, i] += trace
+            alpha[b, k] = trace
         for q in range(dA.shape[1]):
             for i in range(n):
                 for j in range(n):
                     dM[i, j] = 0.0
             for k in range(n):
                 M = work[k]
-                dbeta[b, q, k] = 0.0
+                total = 0.0
                 for j in range(n):
                     slope = 0.0
                     for i in range(n):
                         slope += C[b, i] * dM[i, j]
-                    dbeta[b, q, k] += slope * B[b, j] + rows[b, k, j] * dB[b, q, j]
-                dalpha[b, q, k] = 0.0
+                    total += slope * B[b, j] + rows[b, k, j] * dB[b, q, j]
+                dbeta[b, q, k] = total
+                trace = 0.0
                 for i in range(n):
                     for j in range(n):
-                        dDM[i, j] = 0.0
+                        total = 0.0
                         for m in range(n):
-                            dDM[i, j] += D[i, m] * dM[m, j] + dA[b, q, i, m] * M[m, j]
-                    dalpha[b, q, k] -= dDM[i, i] / (k + 1.0)
+                            total += D[i, m] * dM[m, j] + dA[b, q, i, m] * M[m, j]
+                        dDM[i, j] = total
+                    trace -= dDM[i, i] / (k + 1.0)
+                dalpha[b, q, k] = trace
                 for i in range(n):
                     for j in range(n):
                         dM[i, j] = dDM[i, j]
-                    dM[i, i] += dalpha[b, q, k]
+                    dM[i, i] += trace

@@ -20,14 +20,14 @@ _ZOOM, _ROUNDS = 9, 4
 _DOUBLINGS = 60
 
 
-def largest_gain(loop: TransferFunction, Ms: float) -> Array:
-    """Largest factors (B,) with which the loops' sensitivity stays at or below `Ms`.
+def largest_gain(loop: TransferFunction, Ms: float | Array) -> Array:
+    """Largest factors (B,) with which the loops' sensitivity stays at or below `Ms`, one or (B,).
 
     For loops that a small factor leaves stable.  At each frequency ``|1 + k L| >= 1/Ms`` up to
     the smaller root of a quadratic equation in k; the least of these is looked for on a grid,
     and refined.
     """
-    top, c = np.log(np.pi / loop.Ts), 1 - 1 / Ms**2
+    top, c = np.log(np.pi / loop.Ts), np.reshape(1 - 1 / Ms**2, (-1, 1))
 
     def reciprocal(x: Array) -> Array:
         L = loop(np.exp(x))
@@ -42,7 +42,7 @@ def largest_gain(loop: TransferFunction, Ms: float) -> Array:
 
 
 def constrained(
-    unit: Callable[[Array], TransferFunction], count: int, Ms: float, Ts: float
+    unit: Callable[[Array], TransferFunction], count: int, Ms: float | Array, Ts: float
 ) -> Array:
     """Gains kp and Ti (B, 2) with the largest kp/Ti whose sensitivity stays at or below `Ms`.
 
@@ -55,6 +55,8 @@ def constrained(
         ``unit(Ti)``: integral times (B,) to open loops with kp = 1.
     count : int
         B.
+    Ms : float or (B,) float64
+        Largest sensitivity.
     Ts : float
         Sampling time [s].
     """
@@ -87,8 +89,8 @@ def _highest(function: Callable[[Array], Array], grid: Array) -> tuple[Array, Ar
     return x, middle - (left - right) * share / 4
 
 
-def lqr(plant: DiscretePlant, weight: float) -> Array:
-    """Gains (B, n) of the states that minimise the sum of ``y^2 + weight u^2``.
+def lqr(plant: DiscretePlant, weight: float | Array) -> Array:
+    """Gains (B, n) of the states that minimise the sum of ``y^2 + weight u^2``, weights 1 or (B,).
 
     The Riccati equation by structure-preserving doubling (Chu, Fan, Lin and Wang, Int. J.
     Control 77, 2004), which converges quadratically; ``nan`` where it does not.
@@ -96,7 +98,7 @@ def lqr(plant: DiscretePlant, weight: float) -> Array:
     n = plant.A.shape[1]
     C = np.broadcast_to(plant.C, (len(plant), n))
     A, one = plant.A, np.eye(n)
-    G = plant.B[:, :, None] * plant.B[:, None, :] / weight
+    G = plant.B[:, :, None] * plant.B[:, None, :] / np.reshape(weight, (-1, 1, 1))
     H = C[:, :, None] * C[:, None, :]
     for _ in range(_DOUBLINGS):
         W = np.linalg.inv(one + G @ H)

@@ -227,6 +227,7 @@ _OPTIONAL = (
     "action_bounds",
     "loop",
     "speeds",
+    "sliders",
     "actuator",
     "remarks",
     "suspects",

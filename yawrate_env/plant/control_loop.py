@@ -26,7 +26,8 @@ from yawrate_env.plant.names import split, word
 from yawrate_env.plant.parametrisation import Parametrisation, loop, of_gains
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.responses import ClosedLoop, OpenLoop, Response
-from yawrate_env.plant.rules import LOOP_SHAPING, RULES
+from yawrate_env.plant.rules import LOOP_SHAPING, RULES, Pace
+from yawrate_env.plant.sliders import Sliders, of_loop
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -156,6 +157,7 @@ class ControlLoop:
             "metrics": self.settings,
             "parametrisation": self.parametrisation,
             "speeds": self.speeds if self.has_speeds else None,
+            "sliders": self.sliders,
             "Ts": self.Ts,
             "linear": True,
             "signals": self.signals,
@@ -181,8 +183,9 @@ class ControlLoop:
 
     def design(self, theta: Array) -> tuple[Array, Flags]:
         """Gains (B, k) of the rule, and whether they are as asked; ``nan`` where there are none."""
-        rule = self.rule if callable(self.rule) else RULES[self.rule]
-        return rule(self, theta)
+        if callable(self.rule):
+            return self.rule(self, theta)
+        return RULES[self.rule](self, theta, Pace(self.speed, self.target.delay_samples))
 
     def evaluate(self, theta: Array, gains: Array) -> tuple[Array, Flags]:
         """Metrics (B, f), and whether loops are stable (B,)."""
@@ -199,6 +202,10 @@ class ControlLoop:
         """Gains (k,) of slower and faster loops around one plant (p,), by `SPEEDS`."""
         loops = {name: replace(self, speed=self.speed * factor) for name, factor in SPEEDS.items()}
         return {name: one.design(theta[None])[0][0] for name, one in loops.items()}
+
+    def sliders(self, theta: Array) -> Sliders:
+        """What a report lets its reader move of the loop around one plant (p,)."""
+        return of_loop(self, theta)
 
     @property
     def has_speeds(self) -> bool:

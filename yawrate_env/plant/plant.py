@@ -21,6 +21,7 @@ from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.performance import Performance
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.sensitivity import Sensitivity
+from yawrate_env.plant.sliders import Sliders
 from yawrate_env.plant.suspect import Suspect
 from yawrate_env.plant.trial import try_functions
 
@@ -177,6 +178,9 @@ class Plant(Experiment, Performance):
     speeds : callable, optional
         ``speeds(theta)``, of one plant: parameters (p,) to the gains (k,) of slower and faster
         loops, by the names of the speeds.
+    sliders : callable, optional
+        ``sliders(theta)``, of one plant: parameters (p,) to what reports let their reader move of
+        the loop (`yawrate_env.plant.sliders`).
     display : tuple, optional
         Names of input and output in reports with their units, and factors from the units of
         `signals` to these: ``(("steering [deg]", 57.3), ("yaw rate [deg/s]", 57.3))``; by
@@ -242,6 +246,7 @@ class Plant(Experiment, Performance):
     action_bounds: Callable[[], tuple[Array, Array]] | None = None
     loop: Callable[[Array, Array], ClosedLoop] | None = None
     speeds: Callable[[Array], Mapping[str, Array]] | None = None
+    sliders: Callable[[Array], Sliders] | None = None
     controller: str = ""
     display: tuple[tuple[str, float], tuple[str, float]] | None = None
     command_limits: Range | None = None

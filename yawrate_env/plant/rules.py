@@ -18,7 +18,7 @@ A derivative's filter is ``Tf = Td/N``, and at least half a sampling time.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -72,36 +72,55 @@ class DesignedLoop(Protocol):
     def weight(self) -> float:
         """Of the squared input."""
 
-    @property
-    def speed(self) -> float:
-        """How many times as fast as asked."""
-
     def sampled(self, theta: Array) -> DiscretePlant:
         """Plants at the controller's sampling time."""
 
 
-def shaped(loop: DesignedLoop, theta: Array) -> Designed:
-    """Rule R at the target, whose crossover goes with the loop's speed."""
-    target = replace(loop.target, crossover=loop.speed * loop.target.crossover)
+@dataclass(frozen=True, slots=True, eq=False)
+class Pace:
+    """How fast loops are to be, for all or for each of B.
+
+    Attributes
+    ----------
+    speed : float or NDArray
+        How many times as fast as asked.
+    delay_samples : int or NDArray
+        Computation delay; int64.
+    """
+
+    speed: float | Array
+    delay_samples: int | NDArray[np.int64]
+
+
+def shaped(loop: DesignedLoop, theta: Array, pace: Pace) -> Designed:
+    """Rule R at the target, whose crossover goes with the speed, one for all."""
+    target = replace(loop.target, crossover=float(pace.speed) * loop.target.crossover)
     plant = TransferFunction.of(loop.sampled(theta), target.delay_samples)
     gains, status = loop.controller.shape(*required_response(plant, target), target)
     return gains, status == Status.OK
 
 
-def of_process(loop: DesignedLoop, theta: Array) -> Designed:
-    """A rule for processes."""
-    assert loop.process is not None  # the loop has checked it
-    process = loop.process(theta)
+def of_process(loop: DesignedLoop, theta: Array, pace: Pace) -> Designed:
+    """A rule for processes; the computation delay is dead time, too."""
+    process = seen(loop, theta, pace.delay_samples)
     tau_c = np.full(len(theta), loop.tau_c) if loop.tau_c else process.dead_time
-    found = PROCESS_RULES[loop.rule](process, loop.controller.derives, tau_c / loop.speed)
+    found = PROCESS_RULES[loop.rule](process, loop.controller.derives, tau_c / pace.speed)
     gains = loop.controller.pick(_named(loop, found))
     return gains, _found(gains)
 
 
-def constrained(loop: DesignedLoop, theta: Array) -> Designed:
+def seen(loop: DesignedLoop, theta: Array, delay_samples: int | NDArray[np.int64]) -> Process:
+    """The processes (B, p) with the computation delay in their dead time."""
+    assert loop.process is not None  # the loop has checked it
+    process = loop.process(theta)
+    return replace(process, dead_time=process.dead_time + delay_samples * loop.target.Ts)
+
+
+def constrained(loop: DesignedLoop, theta: Array, pace: Pace) -> Designed:
     """The largest kp/Ti with a largest sensitivity; a PID has ``Td = Ti/4``."""
-    of, Ts, delay = loop.controller, loop.target.Ts, loop.target.delay_samples
-    plant = TransferFunction.of(loop.sampled(theta), delay)
+    of, Ts = loop.controller, loop.target.Ts
+    undelayed = TransferFunction.of(loop.sampled(theta))
+    plant = replace(undelayed, delay_samples=undelayed.delay_samples + pace.delay_samples)
 
     def standard(kp: Array, Ti: Array) -> Array:
         one = np.ones_like(Ti)
@@ -111,15 +130,15 @@ def constrained(loop: DesignedLoop, theta: Array) -> Designed:
         made: Parallel = of.parallel(standard(np.ones_like(Ti), Ti), Ts)
         return made.compensator(Ts).around(plant)
 
-    Ms = 1 + (loop.Ms - 1) * loop.speed
+    Ms = 1 + (loop.Ms - 1) * pace.speed
     gains = standard(*shaping.constrained(unit, len(theta), Ms, Ts).T)
     return gains, _found(gains)
 
 
-def optimal(loop: DesignedLoop, theta: Array) -> Designed:
+def optimal(loop: DesignedLoop, theta: Array, pace: Pace) -> Designed:
     """The linear-quadratic regulator."""
     plant = loop.sampled(theta)
-    K = shaping.lqr(plant, loop.weight / loop.speed**2)
+    K = shaping.lqr(plant, loop.weight / pace.speed**2)
     found = _found(K)
     kr = reference_gain(plant, np.where(found[:, None], K, 0.0))
     gains = np.column_stack([K, np.where(found, kr, np.nan)])
@@ -137,7 +156,7 @@ def _named(loop: DesignedLoop, found: Standard) -> dict[str, Array]:
 
 
 LOOP_SHAPING = "loop-shaping"
-RULES: dict[str, Callable[[DesignedLoop, Array], Designed]] = {
+RULES: dict[str, Callable[[DesignedLoop, Array, Pace], Designed]] = {
     LOOP_SHAPING: shaped,
     **dict.fromkeys(PROCESS_RULES, of_process),
     "ms": constrained,

@@ -25,6 +25,7 @@ from yawrate_env.plant.parametrisation import loop
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.responses import ClosedLoop
+from yawrate_env.plant.sliders import Sliders
 from yawrate_env.plant.suspect import Suspect
 from yawrate_env.vehicle.actuator import actuated
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond, simulated
@@ -138,6 +139,7 @@ def yaw_rate(task: Task, check: bool = True) -> Plant:
         action_bounds=None if task.prior.others else vehicles.action_bounds,
         loop=vehicles.loop,
         speeds=vehicles.speeds,
+        sliders=vehicles.sliders,
         display=DISPLAY,
         command_limits=COMMAND_LIMITS,
         black_box=BLACK_BOX,
@@ -261,6 +263,10 @@ class Vehicles:
     def speeds(self, theta: Array) -> dict[str, Array]:
         """Gains (2,) of slower and faster loops around one vehicle."""
         return self._drawn.speeds(theta)
+
+    def sliders(self, theta: Array) -> Sliders:
+        """What reports let their reader move of the loop around one vehicle."""
+        return self._drawn.sliders(theta)
 
     @property
     def _drawn(self) -> ControlLoop:

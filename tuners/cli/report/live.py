@@ -1,84 +1,39 @@
 """The numbers from which a report's page recomputes the loop when somebody moves its sliders.
 
 The page holds the response of the plant behind the answer (the fitted plant, or what the recording
-shows itself) as splines over log frequency, its pulse response, and how well the recording knows
-it; `templates/loop.js` applies the design rule to them.
+shows itself) as splines over log frequency, its pulse response, how well the recording knows it,
+and each controller: names of gains, form, and its law by rule R or a table of gains.
+`templates/loop.js` computes from them.
 """
 
 import shlex
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.cli.text import displayed, gain_units
+from tuners.cli.report.model import Model
+from tuners.cli.text import displayed, gain_units, ratio, unit_of
 from tuners.export import literals
 from tuners.export.gains import Gains
 from tuners.export.pi_program import pi_program
 from tuners.logs import Log
 from tuners.tuner.result import Result
 from tuners.tuner.spline import slopes
-from yawrate_env.loop.target import Target
-from yawrate_env.loop.transfer_function import TransferFunction, open_loop
+from yawrate_env.loop.controllers import CONTROLLERS, LeadLag
+from yawrate_env.loop.state_feedback import STATE_FEEDBACK
+from yawrate_env.plant.names import split
+from yawrate_env.plant.plant import Plant
+from yawrate_env.plant.sliders import A_HALF_FASTER, MOST_DELAY, Asked, Choice
 
 Array = NDArray[np.float64]
 
-SLOWEST, FASTEST = 0.4, 2.5
-"""Crossovers that the page offers, in the target's."""
-
 _KNOWN = 9  # crossovers at which the recording's knowledge is computed
 _DIGITS, _FEWER_DIGITS = 11, 4
-_MOST_DELAY = 10  # samples beyond the target's
 _MOST_NUMBERS = 40_000  # of what is left open: 0.4 MB of the page
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Model:
-    """The plant behind an answer, as its controller sees it.
-
-    Attributes
-    ----------
-    target : Target
-        Of the answer.
-    omega : NDArray
-        (F,) [rad/s].
-    log_response : NDArray
-        (F,) complex128: log magnitude, and phase [rad] without jumps; the computation delay is
-        not in it.
-    pulse : NDArray
-        (K,) output for an input of one for one sample.
-    """
-
-    target: Target
-    omega: Array
-    log_response: NDArray[np.complex128]
-    pulse: Array
-
-    @classmethod
-    def behind(cls, result: Result) -> "Model | None":
-        """The model of a result with PI gains; None where there is nothing to move."""
-        target, loop = result.plant.loop_target, result.loop
-        if target is None or loop is None or loop.open is None or loop.open.pulse is None:
-            return None
-        if target.controller != "pi":
-            return None
-        omega = 2 * np.pi * loop.open.frequency
-        kp, Ti = (np.array([value]) for value in result.gains.values())
-        one = np.ones((1, 1))
-        controller = open_loop(TransferFunction(one, one, target.Ts), kp, Ti, target)(omega)[0]
-        lag = omega * target.delay_samples * target.Ts
-        G = loop.open.response / controller * np.exp(1j * lag)
-        phase = np.unwrap(np.angle(G))
-        phase -= 2 * np.pi * (phase[0] > np.pi / 2)  # as rule R follows it from low frequency
-        return cls(target, omega, np.log(np.abs(G)) + 1j * phase, loop.open.pulse)
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """Slowest and fastest crossover that the page offers [Hz]."""
-        highest = min(FASTEST * self.target.crossover, 0.45 / self.target.Ts)
-        lowest = max(SLOWEST * self.target.crossover, self.omega[0] / (2 * np.pi))
-        return lowest, float(min(highest, 0.9 * self.omega[-1] / (2 * np.pi)))
+_MARGINS = 30, 80  # [deg]
+_TIMES = "Ti", "Td", "Tf", "T_lead", "T_lag"
 
 
 def live(result: Result, log: Log, tuner: str) -> dict[str, Any] | None:
@@ -86,39 +41,146 @@ def live(result: Result, log: Log, tuner: str) -> dict[str, Any] | None:
     model = Model.behind(result)
     if model is None:
         return None
-    target, (slowest, fastest) = model.target, model.range
-    kp, Ti = result.gains.values()
-    of_kp, _ = gain_units(result.plant).values()
+    sliders, target, plant = model.sliders, model.sliders.target, result.plant
+    own = sliders.choices[0].controller
     command = ["yawrate", "tune", log.source or "LOG", "--tuner", tuner]
+    slowest, fastest = model.range
     return {
-        "names": {"output": displayed(result.plant)[1][0], "gain": of_kp},
-        "texts": {"command": shlex.join(command), "c": _program(result)},
+        "names": {"output": displayed(plant)[1][0]},
+        "texts": {
+            "command": shlex.join(command) if plant.loop_target else None,
+            "c": _program(result),
+        },
         "Ts": target.Ts,
         "omega": _rounded(model.omega),
-        "log_magnitude": _spline(model.omega, model.log_response.real),
-        "phase": _spline(model.omega, model.log_response.imag),
+        "seen": _seen(model),
         "pulse": _rounded(model.pulse),
+        "unstable": sliders.unstable,
+        "integrators": sliders.integrators,
+        "crossover": model.crossover,
+        "kinds": {one.controller.name: _kind(one, plant, sliders.asked) for one in sliders.choices},
+        "sliders": _sliders(model),
+        "pace": _pace(sliders.asked, sliders.shaped),
         "start": {
-            "kind": "PI",
+            "kind": own.name,
             "crossover": target.crossover,
-            "phase_margin": target.phase_margin,
+            "margin": target.phase_margin,
             "delay": target.delay_samples,
-            "kp": kp,
-            "Ti": Ti,
+            "asked": 0 if sliders.asked is None else sliders.asked.start,
+            "gains": _bare(result.gains),
             "intervals": _intervals(result),
         },
-        "range": {"slowest": slowest, "fastest": fastest, "delay": _MOST_DELAY},
         "known": _known(result, slowest, fastest),
         "doubt": _doubt(result),
     }
 
 
-def _intervals(result: Result) -> dict[str, tuple[float, float]] | None:
-    """Those of phase margin and crossover; None where the recording does not tell."""
-    ends = [(interval.low, interval.high) for interval in result.intervals.values()]
-    if not np.isfinite(ends).all():
+def _bare(gains: Mapping[str, float]) -> dict[str, float]:
+    """Gains by their names without units."""
+    return {split(name)[0]: value for name, value in gains.items()}
+
+
+def _seen(model: Model) -> list[dict[str, Any]]:
+    """The signals that the controller sees: response, and pulse response if not the output's."""
+    several = model.pulses is not None
+    return [
+        {
+            "name": f"x{i + 1}" if several else "y",
+            "log_magnitude": _spline(model.omega, found.real),
+            "phase": _spline(model.omega, found.imag),
+            "pulse": None if model.pulses is None else _rounded(model.pulses[i]),
+        }
+        for i, found in enumerate(model.log_responses)
+    ]
+
+
+def _kind(of: Choice, plant: Plant, asked: Asked | None) -> dict[str, Any]:
+    """A controller: gains with their units, form, sliders, and law or table."""
+    controller, own = of.controller, gain_units(plant)
+    units = dict(zip((split(name)[0] for name in own), own.values(), strict=True))
+    known = _units(plant)
+    names = [split(name)[0] for name in controller.gains]
+    found: dict[str, Any] = {"gains": [[name, units.get(name) or known.get(name, "")]
+                                       for name in names]}  # fmt: skip
+    moved = ["asked"] if asked is not None else []
+    if controller.name == STATE_FEEDBACK:
+        found["states"] = names[:-1]
+    else:
+        form: Any = CONTROLLERS[controller.name]
+        found |= {
+            "integrates": form.integrates,
+            "derives": form.derives,
+            "c": int(getattr(form, "of_error", True)),
+        }
+        if of.gains is None:
+            found["law"] = law = _law(form)
+            moved = ["crossover", "margin"] if law.get("zeros") else ["crossover"]
+        moved += ["b"] if "b" in names else []
+    if of.gains is not None:
+        found["table"] = [[_row(row) for row in rows] for rows in of.gains]
+    return found | {"sliders": [*moved, "delay"]}
+
+
+def _law(form: Any) -> dict[str, Any]:
+    """A controller's form in rule R."""
+    if form == LeadLag():
+        return {"zeros": 1, "integrators": 0, "centred": True}
+    law = form.law
+    return {"zeros": law.zeros, "integrators": law.integrators, "filtered": law.filtered}
+
+
+def _row(gains: Array) -> list[float | None]:
+    """Gains of a table; None where there are none."""
+    return [value if np.isfinite(value) else None for value in _rounded(gains)]
+
+
+def _units(plant: Plant) -> dict[str, str]:
+    """Units of any controller's gains."""
+    of_kp = ratio(*map(unit_of, plant.signals))
+    of_Ki = f"{of_kp}/s" if of_kp else ""
+    return {"kp": of_kp, "Ki": "" if of_kp == "s" else of_Ki} | dict.fromkeys(_TIMES, "s")
+
+
+def _sliders(model: Model) -> list[dict[str, Any]]:
+    """The sliders: name, words, unit, ends and step; how positions become values."""
+    sliders, (slowest, fastest) = model.sliders, model.range
+    target, asked = sliders.target, sliders.asked
+    slow = target.Ts >= 1
+    low, high = _MARGINS
+    crossover = {"min": np.log(slowest), "max": np.log(fastest), "step": "any", "log": True}
+    found = [
+        {"name": "crossover", "label": "Crossover", "unit": "Hz", **crossover},
+        {"name": "margin", "label": "Phase margin", "unit": "°",
+         "min": min(low, target.phase_margin), "max": max(high, target.phase_margin), "step": 1},
+    ] if sliders.shaped else []  # fmt: skip
+    if asked is not None:
+        label, unit = split(asked.label)
+        found.append({"name": "asked", "label": label[0].upper() + label[1:], "unit": unit,
+                      "min": 0, "max": len(asked.values) - 1, "step": 1,
+                      "values": _rounded(asked.values)})  # fmt: skip
+    if any("b" in one.controller.gains for one in sliders.choices):
+        found.append({"name": "b", "label": "Weight b of the reference", "unit": "",
+                      "min": 0, "max": 1, "step": 0.05})  # fmt: skip
+    delay = {"min": 0, "max": target.delay_samples + MOST_DELAY, "step": 1,
+             "factor": target.Ts * (1 if slow else 1e3)}  # fmt: skip
+    found.append({"name": "delay", "label": "Computation delay", "unit": "s" if slow else "ms",
+                  **delay})  # fmt: skip
+    return found
+
+
+def _pace(asked: Asked | None, shaped: bool) -> dict[str, Any] | None:
+    """Which slider makes loops 1.5 times as fast, and how far; None where no one does."""
+    if shaped:
+        return {"slider": "crossover", "factor": 1.5}
+    if asked is None:
         return None
-    return dict(zip(("phase", "crossover"), ends, strict=True))
+    return {"slider": "asked", "steps": asked.faster * A_HALF_FASTER}
+
+
+def _intervals(result: Result) -> dict[str, tuple[float, float]]:
+    """Those of the metrics, by name without unit, as far as the recording tells them."""
+    found = {split(name)[0]: (one.low, one.high) for name, one in result.intervals.items()}
+    return {name: ends for name, ends in found.items() if np.isfinite(ends).all()}
 
 
 def _spline(omega: Array, values: Array) -> dict[str, list[float]]:

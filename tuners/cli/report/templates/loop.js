@@ -5,14 +5,7 @@
 "use strict";
 
 const Loop = (() => {
-  const LEAST_LAG = 1.0027 * Math.PI / 180;  // as yawrate_env.loop.design keeps it
-
-  /* C(s) = rho (1 + T s)^zeros / (s^integrators (1 + Tf s)^filters), by Tustin's rule. */
-  const KINDS = {
-    P: {zeros: 0, integrators: 0, filters: 0},
-    PI: {zeros: 1, integrators: 1, filters: 0},
-    PID: {zeros: 2, integrators: 1, filters: 1},
-  };
+  const LEAST_LAG = 1.0027 * Math.PI / 180;  // as yawrate_env.loop.law keeps it
 
   const times = (a, b) => [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
   const polar = (log, phase) => [Math.exp(log) * Math.cos(phase), Math.exp(log) * Math.sin(phase)];
@@ -38,84 +31,153 @@ const Loop = (() => {
     return logs.get(model);
   }
 
-  /* Log magnitude and phase of the plant, the computation delay (in samples) in it. */
-  function plant(model, omega, delay) {
+  /* Log magnitude and phase of a signal that the controller sees, the delay (in samples) in it. */
+  function response(model, seen, omega, delay) {
     const places = logOmega(model), at = Math.log(omega);
     return [
-      interpolated(places, model.log_magnitude, at),
-      interpolated(places, model.phase, at) - omega * delay * model.Ts,
+      interpolated(places, seen.log_magnitude, at),
+      interpolated(places, seen.phase, at) - omega * delay * model.Ts,
     ];
   }
 
   /* Tustin's rule takes omega to this. */
   const warped = (omega, Ts) => 2 / Ts * Math.tan(omega * Ts / 2);
 
-  /* Log magnitude and phase of a controller. */
-  function controller({kind, rho, T, Tf}, omega, Ts) {
-    const {zeros, integrators, filters} = KINDS[kind], w = warped(omega, Ts);
-    return [
-      Math.log(rho) + zeros / 2 * Math.log1p((w * T) ** 2) - integrators * Math.log(w)
-        - filters / 2 * Math.log1p((w * Tf) ** 2),
-      zeros * Math.atan(w * T) - integrators * Math.PI / 2 - filters * Math.atan(w * Tf),
-    ];
-  }
-
-  /* Rule R: the controller with which the loop crosses 1 where asked, with the margin asked for.
-     `limited` where the kind cannot supply the phase and margin is given up; null where no
-     controller of the kind has the phase. */
-  function design(model, kind, crossover, phaseMargin, delay) {
-    const {Ts} = model, {zeros, integrators, filters} = KINDS[kind];
-    const omega = 2 * Math.PI * crossover, v = warped(omega, Ts);
-    const [magnitude, angle] = plant(model, omega, delay);
-    const needed = phaseMargin * Math.PI / 180 - Math.PI - angle;
-    const Tf = filters ? Math.max(Math.tan(LEAST_LAG / 2) / v, Ts / 2) : 0;
-    const alpha = Math.atan(v * Tf);
-    if (!zeros) {
-      const limited = needed > 1e-9 || needed <= phaseMargin * Math.PI / 180 - Math.PI;
-      return {kind, rho: Math.exp(-magnitude), T: 0, Tf, limited};
-    }
-    const low = alpha * (zeros > integrators ? zeros - 1 : 0) - integrators * Math.PI / 2;
-    const high = (zeros - integrators) * Math.PI / 2 - alpha;
-    if (!(needed > low)) return null;
-    const limited = needed >= high, phase = limited ? high - LEAST_LAG : needed;
-    const theta = (phase + integrators * Math.PI / 2 + alpha) / zeros;
-    const lead = Math.log(Math.cos(alpha)) - (zeros - integrators) * Math.log(Math.cos(theta));
-    const kp = Math.exp(-magnitude - lead) * Math.sin(theta), T = Math.tan(theta) / v;
-    return {kind, rho: kp / T, T, Tf, limited};
-  }
-
-  /* The PI with gains that a tuner found. */
-  const pi = (kp, Ti) => ({kind: "PI", rho: kp / Ti, T: Ti, Tf: 0, limited: false});
-
-  /* Kp + Ki/s + Kd s/(1 + Tf s), and Ti = Kp/Ki. */
-  function gains({kind, rho, T, Tf}) {
-    const {zeros, integrators} = KINDS[kind];
-    const [a0, a1, a2] = [[1, 0, 0], [1, T, 0], [1, 2 * T, T * T]][zeros].map((a) => rho * a);
-    if (!integrators) return {Kp: a0, Ki: 0, Kd: a1 - a0 * Tf, Ti: Infinity, Tf};
-    const Kp = a1 - a0 * Tf;
-    return {Kp, Ki: a0, Kd: a2 - Kp * Tf, Ti: Kp / a0, Tf};
-  }
-
   const product = (p, q) => {
     const out = new Array(p.length + q.length - 1).fill(0);
     p.forEach((a, i) => q.forEach((b, j) => { out[i + j] += a * b; }));
     return out;
   };
-  const power = (p, n) => (n ? product(p, power(p, n - 1)) : [1]);
+  const sum = (p, q) => p.map((a, i) => a + q[i]);
+  const scaled = (p, factor) => p.map((a) => factor * a);
 
-  /* u[k] = sum b[i] e[k - i] - sum a[i] u[k - i], with a[0] = 1. */
-  function difference({kind, rho, T, Tf}, Ts) {
-    const {zeros, integrators, filters} = KINDS[kind], c = 2 / Ts;
-    const lead = power([1 + c * T, 1 - c * T], zeros), lag = power([1 + c * Tf, 1 - c * Tf], filters);
-    const b = product(lead, power([1, 1], integrators + filters - zeros));
-    const a = product(power([c, -c], integrators), lag);
-    return {b: b.map((x) => rho * x / a[0]), a: a.map((x) => x / a[0])};
+  /* Kp (b r - y) + Ki/s e + Kd s/(1 + Tf s) (c r - y), by the names of its gains. */
+  function parallel({kp = 0, Ki = NaN, Ti = NaN, Td = NaN, Tf = NaN, b = 1, T_lead = NaN, T_lag = NaN}, c, Ts) {
+    const first = (...values) => values.find((value) => !Number.isNaN(value));
+    const filter = first(Tf, T_lag, Ts / 2);
+    return {Kp: kp, Ki: first(Ki, kp / Ti, 0), Kd: first(kp * Td, kp * (T_lead - T_lag), 0), Tf: filter, b, c};
   }
 
-  /* The loop, L = C G, as log magnitude and phase. */
+  /* A controller u = (N_r r - sum N_i s_i)/D of the signals s_i that it sees, in polynomials of
+     delta = (z - 1)/Ts, the highest power first. */
+  function controller(kind, gains, Ts, limited = false) {
+    const made = {gains, limited};
+    if (kind.states) return {...made, reference: [gains.kr], seen: kind.states.map((name) => [gains[name]]), denominator: [1]};
+    const {Kp, Ki, Kd, Tf, b, c} = parallel(gains, kind.c, Ts), h = Ts / 2, rate = 1 / (Tf + h);
+    let reference = [Kp * b], output = [Kp], denominator = [1];
+    if (kind.integrates) {
+      [reference, output] = [reference, output].map((p) => sum([...p, 0], [h * Ki, Ki]));
+      denominator = [1, 0];
+    }
+    if (kind.derives) {
+      const pole = [1, rate], top = product([rate * Kd, 0], denominator);
+      reference = sum(product(reference, pole), scaled(top, c));
+      output = sum(product(output, pole), top);
+      denominator = product(denominator, pole);
+    }
+    return {...made, reference, seen: [output], denominator};
+  }
+
+  /* Rule R for one kind: gains by name with which the loop crosses 1 where asked, with the margin
+     asked for, as yawrate_env.loop.law has it.  `limited` where the kind cannot supply the phase
+     and margin is given up; null where no controller of the kind has the phase. */
+  function shaped(model, {law}, {crossover, margin, delay}) {
+    const {Ts} = model, {zeros: n, integrators: m, filtered, centred} = law, derives = n > m;
+    const omega = 2 * Math.PI * crossover, v = warped(omega, Ts);
+    const [magnitude, angle] = response(model, model.seen[0], omega, delay);
+    const needed = margin * Math.PI / 180 - Math.PI - angle;
+    if (centred) {
+      if (!(Math.abs(needed) < Math.PI / 2)) return null;
+      const root = Math.sqrt((1 + Math.sin(needed)) / (1 - Math.sin(needed)));
+      return [{kp: Math.exp(-magnitude) / root, T_lead: root / v, T_lag: 1 / (root * v)}, false];
+    }
+    const Tf = !derives ? 0 : filtered ? Math.max(Math.tan(LEAST_LAG / 2) / v, Ts / 2) : Ts / 2;
+    const alpha = Math.atan(v * Tf), high = (n - m) * Math.PI / 2 - alpha;
+    if (!n) {
+      const enough = needed > high - Math.PI + margin * Math.PI / 180 && needed <= high + 1e-9;
+      const k = Math.exp(-magnitude) * v ** m;
+      return [{kp: m ? 0 : k, Ki: m ? k : 0}, !enough];
+    }
+    if (!(needed > alpha * (derives ? n - 1 : 0) - m * Math.PI / 2)) return null;
+    const limited = needed >= high, phase = limited ? high - LEAST_LAG : needed;
+    const lag = (phase + alpha - (n - m) * Math.PI / 2) / n, tangent = -Math.tan(lag), T = 1 / (tangent * v);
+    const gain = Math.exp(-magnitude) / Math.cos(alpha) * (-Math.sin(lag)) ** (n - m);
+    const k = m ? gain / Math.hypot(1, tangent) : gain;
+    const Ki = m ? k / T : 0, Kp = m && derives ? 2 * k - Ki * Tf : k;
+    const Kd = derives ? k * T - (m ? Kp : k) * Tf : 0;
+    return [{kp: Kp, Ki, Ti: Kp / Ki, Td: Kd / Kp, Tf, b: 1}, limited];
+  }
+
+  /* The controller at a position {kind, crossover, margin, delay, asked, b}: by rule R, or from the
+     gains by delay and what the rule is asked for; null where there is none. */
+  function design(model, position) {
+    const kind = model.kinds[position.kind], names = kind.gains.map(([name]) => name);
+    let gains, limited = false;
+    if (kind.law) {
+      const found = shaped(model, kind, position);
+      if (!found) return null;
+      limited = found[1];
+      gains = Object.fromEntries(names.map((name) => [name, found[0][name]]));
+    } else {
+      const row = kind.table[position.delay][position.asked];
+      if (row.includes(null)) return null;
+      gains = Object.fromEntries(names.map((name, i) => [name, row[i]]));
+    }
+    if ("b" in gains && position.b != null) gains.b = position.b;
+    return controller(kind, gains, model.Ts, limited);
+  }
+
+  /* A polynomial in delta at omega. */
+  function value(polynomial, [re, im]) {
+    return polynomial.reduce((found, c) => { const [x, y] = times(found, [re, im]); return [x + c, y]; }, [0, 0]);
+  }
+  const ratio = ([a, b], [c, d]) => { const size = c * c + d * d; return [(a * c + b * d) / size, (b * c - a * d) / size]; };
+
+  /* The loop, L = sum N_i/D S_i. */
   function loop(model, C, omega, delay) {
-    const [m, p] = plant(model, omega, delay), [n, q] = controller(C, omega, model.Ts);
-    return [m + n, p + q];
+    const half = Math.sin(omega * model.Ts / 2);
+    const delta = [-2 * half * half / model.Ts, Math.sin(omega * model.Ts) / model.Ts];
+    const fed = model.seen.reduce(([re, im], seen, i) => {
+      const [x, y] = times(value(C.seen[i], delta), polar(...response(model, seen, omega, delay)));
+      return [re + x, im + y];
+    }, [0, 0]);
+    return ratio(fed, value(C.denominator, delta));
+  }
+
+  const logarithm = ([re, im]) => 0.5 * Math.log(re * re + im * im);
+  const angle = ([re, im]) => Math.atan2(im, re);
+
+  /* Angles without jumps. */
+  function unwrapped(angles) {
+    let turns = 0;
+    return angles.map((value, i) => {
+      if (i) turns -= Math.round((value - angles[i - 1]) / (2 * Math.PI));
+      return value + 2 * Math.PI * turns;
+    });
+  }
+
+  /* Log magnitude, and phase between -270 and 90 degrees at first, of the loop at model.omega. */
+  function bode(values) {
+    const phase = unwrapped(values.map(angle)), turn = 2 * Math.PI * Math.ceil((phase[0] - Math.PI / 2) / (2 * Math.PI));
+    return [values.map(logarithm), phase.map((value) => value - turn)];
+  }
+
+  const overOmega = (model, C, delay) => model.omega.map((omega) => loop(model, C, omega, delay));
+
+  /* b and a of sum a[i] u[k - i] = sum b[i] x[k - i], from polynomials in delta. */
+  function difference(polynomial, Ts) {
+    const step = [1 / Ts, -1 / Ts], n = polynomial.length - 1;
+    return polynomial.reduce((found, c, i) => {
+      let term = [c];
+      for (let j = 0; j < n; j++) term = j < n - i ? product(term, step) : [...[0], ...term];
+      return sum(found, term);
+    }, new Array(n + 1).fill(0));
+  }
+
+  /* Coefficients of the reference, of what is seen, and of the command, whose first is 1. */
+  function differences({reference, seen, denominator}, Ts) {
+    const a = difference(denominator, Ts), of = (p) => scaled(difference(p, Ts), 1 / a[0]);
+    return {reference: of(reference), seen: seen.map(of), command: of(denominator)};
   }
 
   /* Where a function changes sign between two frequencies. */
@@ -133,29 +195,27 @@ const Loop = (() => {
 
   /* Margins as yawrate_env.loop.margins defines them; NaN where there is no crossing. */
   function margins(model, C, delay) {
-    const {omega} = model, grid = omega.map((w) => loop(model, C, w, delay));
-    const L = (w) => loop(model, C, w, delay);
+    const {omega} = model, L = (w) => loop(model, C, w, delay), values = overOmega(model, C, delay);
     let crossover = NaN, turn = NaN, gain = Infinity;
     for (let i = omega.length - 2; i >= 0 && Number.isNaN(crossover); i--) {
-      if (grid[i][0] >= 0 && grid[i + 1][0] < 0) crossover = root((w) => L(w)[0], omega[i], omega[i + 1]);
+      if (logarithm(values[i]) >= 0 && logarithm(values[i + 1]) < 0) crossover = root((w) => logarithm(L(w)), omega[i], omega[i + 1]);
     }
-    const half = (phase) => Math.floor((phase + Math.PI) / (2 * Math.PI));  // which side of -180
-    for (let i = 0; i < omega.length - 1; i++) {
-      if (half(grid[i][1]) === half(grid[i + 1][1])) continue;
-      const line = 2 * Math.PI * Math.max(half(grid[i][1]), half(grid[i + 1][1])) - Math.PI;
-      const at = root((w) => L(w)[1] - line, omega[i], omega[i + 1]), found = -L(at)[0];
-      if (Math.abs(found) < Math.abs(gain)) { gain = found; turn = at; }
+    for (let i = 0, last = omega.length - 1; i < last; i++) {
+      const [one, next] = [values[i], values[i + 1]], crosses = (one[1] < 0) !== (next[1] < 0);
+      if ((one[0] > 0 && next[0] > 0) || !(crosses || i + 1 === last)) continue;
+      const at = crosses ? root((w) => L(w)[1], omega[i], omega[i + 1]) : omega[last];  // real at half the rate
+      const [re] = L(at), found = -Math.log(-re);
+      if (re < 0 && Math.abs(found) < Math.abs(gain)) { gain = found; turn = at; }
     }
     let nearest = 0;
-    const far = (w) => distance(polar(...L(w)));
-    const all = grid.map((value) => distance(polar(...value)));
+    const far = (w) => distance(L(w)), all = values.map(distance);
     all.forEach((d, i) => { if (d < all[nearest]) nearest = i; });
     let low = omega[Math.max(nearest - 1, 0)], high = omega[Math.min(nearest + 1, omega.length - 1)];
     for (let i = 0; i < 60; i++) {
       const left = high - 0.6180339887498949 * (high - low), right = low + 0.6180339887498949 * (high - low);
       if (far(left) < far(right)) high = right; else low = left;
     }
-    const phase = Number.isNaN(crossover) ? NaN : turned(L(crossover)[1] + Math.PI);
+    const phase = Number.isNaN(crossover) ? NaN : turned(angle(L(crossover)) + Math.PI);
     return {
       phaseMargin: phase * 180 / Math.PI,
       crossover: crossover / (2 * Math.PI),
@@ -163,7 +223,14 @@ const Loop = (() => {
       phaseCrossover: turn / (2 * Math.PI),
       modulusMargin: Math.min(far((low + high) / 2), all[nearest]),
       delayMargin: ((phase + 2 * Math.PI) % (2 * Math.PI)) / crossover,
+      turns: turns(values),
     };
+  }
+
+  /* By how much 1 + L turns from the lowest frequency to the highest. */
+  function turns(values) {
+    const angles = unwrapped(values.map(([re, im]) => angle([1 + re, im])));
+    return angles[angles.length - 1] - angles[0];
   }
 
   /* Variance of log magnitude, covariance, and variance of phase: what the recording leaves open at
@@ -188,8 +255,8 @@ const Loop = (() => {
     const [magnitude, both, phase] = variances(model, crossover);
     const omega = 2 * Math.PI * crossover, step = 1e-4;
     const ends = [1 - step, 1 + step].map((times) => loop(model, C, omega * times, delay));
-    const [falls, turns] = [0, 1].map((i) => (ends[1][i] - ends[0][i]) / (2 * step));
-    const slope = turns / falls;  // what is required is minus the plant's magnitude and phase
+    const falls = (logarithm(ends[1]) - logarithm(ends[0])) / (2 * step);
+    const slope = turned(angle(ends[1]) - angle(ends[0])) / (2 * step) / falls;  // what is required is minus the plant's magnitude and phase
     return [
       180 / Math.PI * Math.sqrt(Math.max(slope * slope * magnitude - 2 * slope * both + phase, 0)),
       Math.abs(crossover / falls) * Math.sqrt(magnitude),
@@ -202,28 +269,30 @@ const Loop = (() => {
     return sum;
   };
 
-  /* Outputs y and inputs x of the plant in the loop, from rest, for the reference, and what is
-     added to the input and to the output, by sample; NaN from where the output runs away. */
-  function simulated({pulse, Ts}, C, delay, samples, reference, disturbance, added = () => 0) {
-    const {b, a} = difference(C, Ts), [y, x, u, e] = Array.from({length: 4}, () => new Float64Array(samples));
+  /* Outputs y, commands u and inputs x of the plant in the loop, from rest, for the reference, and
+     what is added to the input and to the output, by sample; NaN from where the output runs away.
+     The controller in observer form, as yawrate_env.loop.feedback has it. */
+  function simulated(model, C, delay, samples, reference, disturbance, added = () => 0) {
+    const {pulse, Ts} = model, order = C.denominator.length - 1, w = new Float64Array(order + 1);
+    const [y, x, u] = Array.from({length: 3}, () => new Float64Array(samples));
     for (let k = 0; k < samples; k++) {
       y[k] = convolved(pulse, x, k) + added(k);
-      if (!(Math.abs(y[k]) < 1e6)) return {y: y.fill(NaN, k), x};
-      e[k] = reference - y[k];
-      let command = 0;
-      for (let i = 0; i < b.length && i <= k; i++) command += b[i] * e[k - i];
-      for (let i = 1; i < a.length && i <= k; i++) command -= a[i] * u[k - i];
-      u[k] = command;
+      if (!(Math.abs(y[k]) < 1e6)) return {y: y.fill(NaN, k), u: u.fill(NaN, k), x};
+      const seen = model.seen.map((one) => (one.pulse ? convolved(one.pulse, x, k) : y[k]));
+      const fed = (i) => seen.reduce((total, value, j) => total - C.seen[j][i] * value, C.reference[i] * reference);
+      u[k] = fed(0) + w[0];
+      for (let i = 1; i <= order; i++) w[i - 1] += Ts * (w[i] - C.denominator[i] * u[k] + fed(i));
       x[k] = (k >= delay ? u[k - delay] : 0) + disturbance;
     }
-    return {y, x};
+    return {y, u, x};
   }
 
   const EVENTS = {step: [1, 0], disturbance: [0, 1]};  // of the reference, and of the plant's input
 
-  /* Output after either event. */
+  /* Output after either event, and the command after the first. */
   function responses(model, C, delay, samples) {
-    return Object.fromEntries(Object.entries(EVENTS).map(([name, event]) => [name, simulated(model, C, delay, samples, ...event).y]));
+    const found = Object.entries(EVENTS).map(([name, event]) => [name, simulated(model, C, delay, samples, ...event)]);
+    return {...Object.fromEntries(found.map(([name, {y}]) => [name, y])), command: found[0][1].u};
   }
 
   /* Half widths of the bands of `responses`; null where the recording does not tell.  A change d of
@@ -239,15 +308,18 @@ const Loop = (() => {
     }));
   }
 
-  /* Whether the loop is stable: its phase runs below -180 degrees nowhere above magnitude 1 at the
-     last crossing, and the step settles towards the reference. */
-  function stable(found, {step}) {
-    if (!(found.phaseMargin > 0) || !(found.gainMargin > 0)) return false;
-    const n = step.length, late = step.subarray(Math.floor(0.75 * n));
-    return late.every((value) => Math.abs(value) < 10);
+  /* Whether the loop is stable: 1 + L turns by half a turn for each unstable pole of the open loop
+     and a quarter for each integrator (Nyquist), where these are known, and the step stays small.
+     What the lowest frequency leaves out is less than the last quarter. */
+  function stable(model, C, found, {step}) {
+    const late = step.subarray(Math.floor(0.75 * step.length));
+    if (!late.every((value) => Math.abs(value) < 10)) return false;
+    if (model.unstable == null) return found.phaseMargin > 0 && found.gainMargin > 0;
+    const last = C.denominator.length - 1, integrators = model.integrators + (last > 0 && C.denominator[last] === 0);
+    return found.turns > Math.PI * (model.unstable + integrators / 2 - 0.75);
   }
 
-  return {KINDS, controller, design, deviations, difference, gains, halfWidths, loop, margins, pi, plant, polar, responses, spread, stable};
+  return {bode, controller, design, deviations, differences, halfWidths, loop, margins, overOmega, responses, spread, stable};
 })();
 
 if (typeof module !== "undefined") module.exports = Loop;

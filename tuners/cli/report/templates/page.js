@@ -4,25 +4,37 @@
 (() => {
   const model = JSON.parse(document.getElementById("model").textContent);
   const section = document.getElementById("live"), find = (name) => section.querySelector(`[data-${name}]`);
-  const {start, range, Ts, names, texts} = model;
-  const controls = Object.fromEntries(["crossover", "margin", "delay"].map((n) => [n, section.querySelector(`#${n}`)]));
-  const fresh = {kind: start.kind, crossover: start.crossover, margin: start.phase_margin, delay: start.delay};
+  const {start, Ts, names, texts, pace} = model;
+  const sliders = Object.fromEntries(model.sliders.map((one) => [one.name, {...one, input: section.querySelector(`#${one.name}`)}]));
+  const fresh = {kind: start.kind, b: null};  // b is the rule's own until it is moved
+  for (const name of Object.keys(sliders)) fresh[name] = name === "b" ? null : start[name];
   let state = {...fresh};
 
   const fixed = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits).replace("-", "−") : "none");
   const plain = (value, n = 6) => (Number.isFinite(value) ? String(Number(value.toPrecision(n))) : "none");
   const untouched = () => Object.keys(fresh).every((name) => state[name] === fresh[name]);
+  const kindOf = (C) => model.kinds[C.kind];
 
-  /* The answer where nothing was moved, else rule R around the model behind it. */
-  const chosen = (crossover = state.crossover) => (untouched() && crossover === state.crossover
-    ? Loop.pi(start.kp, start.Ti)
-    : Loop.design(model, state.kind, crossover, state.margin, state.delay));
+  /* A slider's value as text. */
+  function told({name, values, factor = 1}, value) {
+    const shown = values ? values[value] : factor * (value ?? now?.C.gains.b ?? 1);
+    return name === "margin" ? fixed(shown, 0) : plain(shown, 3);
+  }
+  const withUnit = (slider, value) => `${told(slider, value)}${slider.unit === "°" ? "" : " "}${slider.unit}`.trim();
+
+  /* The answer where nothing was moved, else the rule around the model behind it. */
+  function chosen(position = state) {
+    const own = model.kinds[position.kind];
+    const C = untouched() && position === state ? Loop.controller(own, start.gains, Ts) : Loop.design(model, position);
+    return C && {...C, kind: position.kind};
+  }
 
   function evaluated(C) {
     const found = Loop.margins(model, C, state.delay);
-    const samples = Math.min(model.pulse.length, Math.round(4 / state.crossover / Ts) + 1);
+    const crossover = Number.isFinite(found.crossover) ? found.crossover : model.crossover;
+    const samples = Math.min(model.pulse.length, Math.max(Math.round(4 / crossover / Ts) + 1, 50));
     const drawn = Loop.responses(model, C, state.delay, samples);
-    return {C, found, drawn, stable: Loop.stable(found, drawn), spread: Loop.spread(model, C, state.delay, found)};
+    return {C, found, drawn, stable: Loop.stable(model, C, found, drawn), spread: Loop.spread(model, C, state.delay, found)};
   }
 
   const factors = (model.known || {factors: [NaN, NaN]}).factors;  // half widths of 90 % intervals, in deviations
@@ -141,8 +153,8 @@
     }, [null, ...Array(4).fill([[0, 0], [0, 0]])]);
   }
 
-  let sides = [["slower", NaN], ["faster", NaN]];  // loops beside the chosen one, and their crossovers
-  const side = (i) => () => (Number.isFinite(sides[i][1]) ? `${sides[i][0]}, ${fixed(sides[i][1], 2)} Hz` : "");
+  let sides = ["", ""];  // what is said of the loops beside the chosen one
+  const side = (i) => () => sides[i];
 
   function response(name, label) {
     const thin = (dash) => ({stroke: other, width: 1.5, dash, points: {show: false}});
@@ -173,13 +185,13 @@
   const edges = (values, half) => [-1, 1].map((sign) => values.map((v, i) => (v != null && half && Number.isFinite(half[i]) ? v + sign * half[i] : null)));
 
   function draw(others) {
-    const grid = model.omega.map((w) => Loop.loop(model, now.C, w, state.delay));
+    const values = Loop.overOmega(model, now.C, state.delay), grid = Loop.bode(values);
     const known = hertz.map((f) => Loop.deviations(model, f));
     for (const [name, part, unit, factor] of [["magnitude", 0, 20 / Math.LN10, factors[1]], ["phase", 1, 180 / Math.PI, factors[0]]]) {
-      const values = grid.map((v) => v[part] * unit);
-      plots[name].setData([hertz, values, ...edges(values, known.map((d) => factor * d[part] * unit))]);
+      const line = grid[part].map((v) => v * unit);
+      plots[name].setData([hertz, line, ...edges(line, known.map((d) => factor * d[part] * unit))]);
     }
-    const points = grid.map((v) => Loop.polar(...v)).filter(([re, im]) => Math.hypot(re, im) < 20);
+    const points = values.filter(([re, im]) => Math.hypot(re, im) < 20);
     plots.nyquist.setData([null, [points.map((p) => p[0]), points.map((p) => p[1])], circle(0, 0, 1),
       circle(-1, 0, now.found.modulusMargin), circle(-1, 0, 0.01)]);
     const time = Array.from(now.drawn.step, (_, k) => k * Ts);
@@ -194,44 +206,53 @@
   /* Text */
   function interval(metric, value, spread, factor, n) {
     const half = factor * spread;
-    const [low, high] = untouched() && start.intervals ? start.intervals[metric] : [value - half, value + half];
-    return Number.isFinite(low) ? `${fixed(low, n)} to ${fixed(high, n)}` : "the recording does not tell";
+    const ends = untouched() ? start.intervals[metric] : Number.isFinite(half) ? [value - half, value + half] : null;
+    if (ends) return `${fixed(ends[0], n)} to ${fixed(ends[1], n)}`;
+    return model.known && half !== undefined ? "the recording does not tell" : "";
+  }
+
+  /* The signals of a controller and their coefficients: the error where reference and output share
+     theirs, else both. */
+  function terms(C) {
+    const {reference, seen, command} = Loop.differences(C, Ts);
+    const minus = seen.map((b) => b.map((x) => -x));
+    if (seen.length === 1 && seen[0].every((x, i) => x === reference[i])) return {signals: ["e"], b: [reference], command};
+    return {signals: ["r", ...model.seen.map(({name}) => name)], b: [reference, ...minus], command};
   }
 
   function equation(C) {
-    const {b, a} = Loop.difference(C, Ts), sign = (x) => (x < 0 ? "-" : "+");
-    const past = a.slice(1).map((x, i) => `${sign(-x)} ${plain(Math.abs(x))} u[k-${i + 1}]`);
-    const errors = b.map((x, i) => `${sign(x)} ${plain(Math.abs(x))} e[k${i ? `-${i}` : ""}]`);
-    return `u[k] = ${[...past, ...errors].join(" ")}`.replace("= + ", "= ").replace("1 u[", "u[");
+    const {signals, b, command} = terms(C), of = (name, i) => `${name}[k${i ? `-${i}` : ""}]`;
+    const past = command.slice(1).map((x, i) => [-x, of("u", i + 1)]);
+    const inputs = signals.flatMap((name, j) => b[j].map((x, i) => [x, of(name, i)]));
+    const parts = [...past, ...inputs].filter(([x]) => x !== 0).map(([x, name]) => `${x < 0 ? "-" : "+"} ${Math.abs(x) === 1 ? "" : `${plain(Math.abs(x))} `}${name}`);
+    return `u[k] = ${parts.join(" ")}`.replace("= + ", "= ");
   }
 
   function gainText(C, n) {
-    const g = Loop.gains(C);
-    const parts = [`Kp ${plain(g.Kp, n)}${names.gain ? ` ${names.gain}` : ""}`];
-    if (g.Ki) parts.push(`Ti ${plain(g.Ti, n)} s`);
-    if (g.Kd) parts.push(`Td ${plain(g.Kd / g.Kp, n)} s`, `Tf ${plain(C.Tf, n)} s`);
-    return parts.join(", ");
+    return kindOf(C).gains.map(([name, unit]) => `${name} ${plain(C.gains[name], n)}${unit && ` ${unit}`}`).join(", ");
   }
 
   function matlab(C) {
-    const {b, a} = Loop.difference(C, Ts);
-    return `C = tf([${b.map((x) => x.toPrecision(15)).join(", ")}], [${a.map((x) => x.toPrecision(15)).join(", ")}], ${Ts});`;
+    const {signals, b, command} = terms(C), list = (p) => `[${p.map((x) => x.toPrecision(15)).join(", ")}]`;
+    const parts = b.map((top) => `tf(${list(top)}, ${list(command)}, ${Ts})`);
+    return signals.length === 1 ? `C = ${parts[0]};` : `C = [${parts.join(", ...\n     ")}];  % u from [${signals.join("; ")}]`;
   }
 
   function program(C) {
     if (!texts.c || state.kind !== "PI") return null;
-    const g = Loop.gains(C);
-    const values = {KP: g.Kp, TI: g.Ti, GAIN: g.Kp * (1 + Ts / (2 * g.Ti)), STEP: g.Kp * Ts / g.Ti, TRACKING: Ts / Math.max(g.Ti, Ts)};
+    const {kp, Ti} = C.gains;
+    const values = {KP: kp, TI: Ti, GAIN: kp * (1 + Ts / (2 * Ti)), STEP: kp * Ts / Ti, TRACKING: Ts / Math.max(Ti, Ts)};
     return texts.c.replace(/@(\w+)@/g, (_, name) => { const v = values[name].toPrecision(17); return /[.e]/.test(v) ? v : `${v}.0`; });
   }
 
-  const command = () => `${texts.command} --crossover ${plain(state.crossover)} --phase-margin ${plain(state.margin)} --delay ${plain(state.delay * Ts)}`;
+  const command = () => (texts.command && state.kind === start.kind
+    ? `${texts.command} --crossover ${plain(state.crossover)} --phase-margin ${plain(state.margin)} --delay ${plain(state.delay * Ts)}` : null);
   const copies = {
     gains: () => gainText(now.C), equation: () => equation(now.C), matlab: () => matlab(now.C),
     c: () => program(now.C), command,
   };
 
-  const SPEEDS = [["slow", 1 / 1.5], ["medium", 1], ["fast", 1.5]];
+  const SPEEDS = [["slow", -1], ["medium", 0], ["fast", 1]];
 
   /* A table's row: its name, a number, what is said of it; or a number for each label. */
   function row([name, ...cells], labels) {
@@ -251,77 +272,99 @@
   const COLUMNS = [...find("speeds").parentElement.querySelectorAll("thead th")].slice(1).map((cell) => cell.textContent);
   const overshoot = (step) => Math.max(0, ...step) - 1;
 
-  function speedRow({name, crossover, it}) {
+  function speedRow({name, asked, it}) {
     const values = !it ? ["none"] : !it.stable ? [gainText(it.C, 4), "unstable"] : [
-      gainText(it.C, 4), `${fixed(it.found.phaseMargin, 1)}°`, fixed(it.found.modulusMargin, 2), `${fixed(1e3 * it.found.delayMargin, 0)} ms`,
-      it.C.rho && Loop.gains(it.C).Ki ? `${fixed(100 * Math.max(overshoot(it.drawn.step), 0), 0)} %` : "none"];
-    const made = row([`${name}, ${fixed(crossover, 2)} Hz`, ...COLUMNS.map((_, i) => values[i] || "")], COLUMNS);
+      gainText(it.C, 4), `${fixed(it.found.phaseMargin, 1)}°`, fixed(it.found.modulusMargin, 2), seconds(it.found.delayMargin),
+      `${fixed(100 * Math.max(overshoot(it.drawn.step), 0), 0)} %`];
+    const made = row([`${name}, ${asked}`, ...COLUMNS.map((_, i) => values[i] || "")], COLUMNS);
     if (name === "medium") made.className = "current";
     return made;
   }
 
+  const seconds = (value) => (value < 1 ? `${fixed(1e3 * value, 0)} ms` : `${plain(value, 3)} s`).replace(/^none.*/, "none");
+
+  /* The loop at hand between a slower and a faster one; null beside it where the slider ends. */
   function speeds() {
-    const within = (f) => f >= range.slowest * 0.999 && f <= range.fastest * 1.001;
+    if (!pace) return [];
+    const slider = sliders[pace.slider], {min, max} = slider, at = state[pace.slider];
     return SPEEDS.map(([name, times]) => {
-      const crossover = state.crossover * times, C = within(crossover) ? chosen(crossover) : null;
-      return {name, crossover, it: C && evaluated(C)};
+      const value = pace.factor ? at * pace.factor ** times : at + times * pace.steps;
+      const place = slider.log ? Math.log(value) : value, within = place >= min - 1e-3 && place <= max + 1e-3;
+      const C = !times ? chosen() : within ? chosen({...state, [pace.slider]: value}) : null;
+      return {name, asked: within ? withUnit(slider, value) : "", it: C && evaluated(C)};
     });
   }
 
+  const MARGINS = [
+    ["Phase margin", (it) => `${fixed(it.found.phaseMargin, 1)}°`, "phase_margin", (it) => [it.found.phaseMargin, it.spread[0], factors[0], 2]],
+    ["Crossover", (it) => `${plain(it.found.crossover, 3)} Hz`, "crossover", (it) => [it.found.crossover, it.spread[1], factors[1], 3 - Math.min(Math.floor(Math.log10(it.found.crossover)), 0)]],
+    ["Gain margin", (it) => `${fixed(it.found.gainMargin, 1)} dB`, "gain_margin", (it) => [it.found.gainMargin, undefined, NaN, 2]],
+    ["Modulus margin", (it) => fixed(it.found.modulusMargin, 2), "modulus_margin", (it) => [it.found.modulusMargin, undefined, NaN, 3]],
+    ["Largest sensitivity", (it) => fixed(1 / it.found.modulusMargin, 2), "Ms", (it) => [1 / it.found.modulusMargin, undefined, NaN, 3]],
+    ["Delay margin", (it) => seconds(it.found.delayMargin), "delay_margin", (it) => [it.found.delayMargin, undefined, NaN, 3]],
+    ["Overshoot", (it) => `${fixed(100 * Math.max(overshoot(it.drawn.step), 0), 0)} %`, "overshoot", (it) => [0, undefined, NaN, 1]],
+    ["Largest command", (it) => plain(Math.max(...it.drawn.command.map(Math.abs)), 3), "", (it) => [0, undefined, NaN, 1]],
+  ];
+
   function show() {
-    for (const [name, digit] of [["crossover", 2], ["margin", 0]]) find(`${name}-value`).textContent = fixed(state[name], digit);
-    find("delay-value").textContent = fixed(1e3 * state.delay * Ts, 4).replace(/\.?0+$/, "");
-    controls.crossover.setAttribute("aria-valuetext", `${fixed(state.crossover, 2)} Hz`);
-    controls.margin.setAttribute("aria-valuetext", `${fixed(state.margin, 0)} degrees`);
-    controls.delay.setAttribute("aria-valuetext", `${fixed(1e3 * state.delay * Ts, 1)} milliseconds`);
-    const C = chosen();
+    const kind = model.kinds[state.kind], C = chosen();
+    for (const slider of Object.values(sliders)) {
+      slider.input.closest("label").hidden = !kind.sliders.includes(slider.name);
+    }
     section.classList.toggle("none", C === null);
     find("reset").disabled = untouched();
     document.documentElement.classList.toggle("moved", !untouched());
     const message = find("message");
     if (C === null) {
-      message.textContent = `No ${state.kind} reaches this: the plant lags too little at ${fixed(state.crossover, 2)} Hz. Ask for a faster loop or for more phase margin.`;
+      const slower = kind.law ? "Ask for a faster loop or for more phase margin." : "Move the slider back.";
+      message.textContent = `No ${state.kind} reaches this${kind.law ? `: the plant lags too little or too much at ${withUnit(sliders.crossover, state.crossover)}` : ""}. ${slower}`;
       now = null;
+      said();
       return;
     }
     const three = speeds();
     now = evaluated(C);
-    const {found, spread} = now;
+    said();
     message.textContent = !now.stable ? "The loop is unstable."
       : C.limited ? `A ${state.kind} cannot supply the phase here: phase margin is given up.` : "";
     find("gains").textContent = gainText(C);
     find("equation").textContent = equation(C);
-    const rows = [
-      ["Phase margin", `${fixed(found.phaseMargin, 1)}°`, interval("phase", found.phaseMargin, spread[0], factors[0], 2)],
-      ["Crossover", `${fixed(found.crossover, 2)} Hz`, interval("crossover", found.crossover, spread[1], factors[1], 3)],
-      ["Gain margin", `${fixed(found.gainMargin, 1)} dB`, ""],
-      ["Modulus margin", fixed(found.modulusMargin, 2), ""],
-      ["Largest sensitivity", fixed(1 / found.modulusMargin, 2), ""],
-      ["Delay margin", `${fixed(1e3 * found.delayMargin, 0)} ms`, ""],
-    ];
+    const rows = MARGINS.map(([name, text, metric, more]) => {
+      const [value, spread, factor, digits] = more(now);
+      return [name, text(now), interval(metric, value, spread, spread === undefined ? undefined : factor, digits)];
+    });
     find("margins").replaceChildren(...rows.map((cells) => row(cells)));
     find("speeds").replaceChildren(...three.map(speedRow));
-    sides = [["slower", three[0]], ["faster", three[2]]].map(([name, {crossover, it}]) => [name, it ? crossover : NaN]);
-    find("copy-c").hidden = program(C) === null;
-    draw([three[0].it, three[2].it]);
+    find("speeds").closest("table").hidden = find("paces").hidden = !pace;
+    const beside = [three[0], three[2]];
+    sides = beside.map((one, i) => (one && one.it ? `${["slower", "faster"][i]}, ${one.asked}` : ""));
+    for (const name of ["c", "command"]) section.querySelector(`[data-copy=${name}]`).hidden = copies[name]() === null;
+    draw(beside.map((one) => one && one.it));
+  }
+
+  /* Values beside the sliders. */
+  function said() {
+    for (const slider of Object.values(sliders)) {
+      find(`${slider.name}-value`).textContent = told(slider, state[slider.name]);
+      slider.input.setAttribute("aria-valuetext", withUnit(slider, state[slider.name]));
+    }
   }
 
   /* Wiring */
-  controls.crossover.min = Math.log(range.slowest);
-  controls.crossover.max = Math.log(range.fastest);
-  controls.delay.max = start.delay + range.delay;
+  const kinds = section.querySelector("#kind");
 
   function place() {
-    controls.crossover.value = Math.log(state.crossover);
-    controls.margin.value = state.margin;
-    controls.delay.value = state.delay;
-    section.querySelectorAll("input[name=kind]").forEach((input) => { input.checked = input.value === state.kind; });
+    kinds.value = state.kind;
+    for (const {name, input, log} of Object.values(sliders)) {
+      const value = state[name] ?? start.gains.b ?? 1;
+      input.value = log ? Math.log(value) : value;
+    }
   }
 
-  controls.crossover.addEventListener("input", () => { state.crossover = Number(Math.exp(controls.crossover.value).toPrecision(4)); show(); });
-  controls.margin.addEventListener("input", () => { state.margin = Number(controls.margin.value); show(); });
-  controls.delay.addEventListener("input", () => { state.delay = Number(controls.delay.value); show(); });
-  section.querySelectorAll("input[name=kind]").forEach((input) => input.addEventListener("change", () => { state.kind = input.value; show(); }));
+  for (const {name, input, log} of Object.values(sliders)) {
+    input.addEventListener("input", () => { state[name] = log ? Number(Math.exp(input.value).toPrecision(4)) : Number(input.value); show(); });
+  }
+  kinds.addEventListener("change", () => { state.kind = kinds.value; show(); });
   find("reset").addEventListener("click", () => { state = {...fresh}; place(); show(); });
 
   section.querySelectorAll("[data-copy]").forEach((button) => button.addEventListener("click", async () => {
