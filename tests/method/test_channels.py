@@ -1,6 +1,5 @@
 """Several inputs and outputs, against plants with one of each, closed forms and counts."""
 
-import gymnasium
 import numpy as np
 import pytest
 from two_by_two import TS, N, U, apart, described, lag, plant
@@ -165,9 +164,7 @@ def test_what_knows_one_channel_refuses_several(tmp_path):
     tuner, block = tuners.load("gb", plant), recorded(plant, "test", 0, 1)
     recording = Recording(block.u, block.y, TS)
     for refused in (
-        lambda: gymnasium.make("yawrate_env:yawrate/Plant-v0", plant=plant),
         lambda: tuner.pool([recording, recording]),
-        lambda: tuner.predict(np.zeros((2, N))),
         lambda: tuner.tune(*block.u, *block.y, reference=U[0]),
         lambda: tuners.data.generate(plant, "train", Laguerre(4, 0.1), 64, 0, tmp_path / "d"),
     ):

@@ -7,7 +7,7 @@ each is of one size.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from yawrate_env.plant.names import check_unique
 Array = NDArray[np.float64]
 Names = tuple[str, ...]
 Noise = float | tuple[float, ...] | Callable[[Array], Array]
+Rows = TypeVar("Rows", bound=NDArray[Any])
 
 _OF_ONE = (
     "excite", "integrating", "in_loop", "initial", "crossover", "record", "sensitivity",
@@ -48,6 +49,34 @@ class Channels:
     def outputs_named(self) -> Names:
         """Names of the q outputs."""
         return self.signals[1:] if self.channels is None else self.channels[1]
+
+    @property
+    def rows(self) -> int:
+        """Signals of an observation (B, rows, N): inputs, then outputs; further rows may follow."""
+        return len(self.inputs_named) + len(self.outputs_named)
+
+    @property
+    def output_rows(self) -> slice:
+        """Where the outputs are among these."""
+        return slice(len(self.inputs_named), self.rows)
+
+    def inputs_in(self, obs: Rows) -> Rows:
+        """Inputs of observations (B, rows, N), a view: (B, N), or of several (B, m, N)."""
+        return obs[:, 0 if self.channels is None else slice(len(self.inputs_named))]  # type: ignore[return-value]
+
+    def outputs_in(self, obs: Rows) -> Rows:
+        """Outputs of observations (B, rows, N), a view: (B, N), or of several (B, q, N)."""
+        rows = self.output_rows
+        return obs[:, rows.start if self.channels is None else rows]  # type: ignore[return-value]
+
+    def recordings_in(self, obs: NDArray[Any]) -> tuple[Array, Array]:
+        """Inputs (1 or B, N) and outputs (B, N) of observations, of several (…, m, N) and so on.
+
+        Inputs that all episodes share are given once.
+        """
+        u = self.inputs_in(obs)
+        u = u[:1] if (u == u[:1]).all() else u
+        return u.astype(np.float64, order="C"), self.outputs_in(obs).astype(np.float64, order="C")
 
     def check_single(self, what: str, instead: str) -> None:
         """``ValueError`` where a plant with several channels meets what knows one of each."""
