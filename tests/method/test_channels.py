@@ -166,7 +166,6 @@ def test_what_knows_one_channel_refuses_several(tmp_path):
     for refused in (
         lambda: tuner.pool([recording, recording]),
         lambda: tuner.tune(*block.u, *block.y, reference=U[0]),
-        lambda: tuners.data.generate(plant, "train", Laguerre(4, 0.1), 64, 0, tmp_path / "d"),
     ):
         with pytest.raises(ValueError, match="plant|reference"):
             refused()

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.plant.names import check_unique
+from yawrate_env.plant.names import check_unique, split
 
 Array = NDArray[np.float64]
 Names = tuple[str, ...]
@@ -49,6 +49,13 @@ class Channels:
     def outputs_named(self) -> Names:
         """Names of the q outputs."""
         return self.signals[1:] if self.channels is None else self.channels[1]
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """Names of a table's columns of recordings, inputs first, to the signals they hold."""
+        if self.channels is None:
+            return dict(zip("uy", self.signals, strict=True))
+        return {split(name)[0]: name for name in (*self.inputs_named, *self.outputs_named)}
 
     @property
     def rows(self) -> int:
@@ -107,6 +114,11 @@ class Channels:
         each = np.broadcast_to(np.asarray(self.noise, np.float64), (len(self.outputs_named),))
         level = self.declared_noise
         return np.asarray(level / each if level else np.ones_like(each))[:, None]
+
+
+def by_channel(signals: Rows) -> Rows:
+    """Signals (B, m, N), or (B, N) of one channel, with the channels first: (m, B, N)."""
+    return signals.reshape(len(signals), -1, signals.shape[-1]).swapaxes(0, 1)  # type: ignore[return-value]
 
 
 def check_channels(plant: Mapping[str, Any]) -> None:
