@@ -6,7 +6,7 @@ both once outputs are *stacked*: one after the other, (B, q N), and weighted so 
 each is of one size.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,6 +31,7 @@ class Channels:
     __slots__ = ()
 
     u: Array
+    gains: Names
     noise: Noise
     signals: tuple[str, str]
     channels: tuple[Names, Names] | None
@@ -85,6 +86,11 @@ class Channels:
         u = u[:1] if (u == u[:1]).all() else u
         return u.astype(np.float64, order="C"), self.outputs_in(obs).astype(np.float64, order="C")
 
+    @property
+    def loops(self) -> dict[str, tuple[str, str]]:
+        """PI loops by name, to their input and output (`loops_of`)."""
+        return loops_of(self.gains, self.inputs_named, self.outputs_named)
+
     def check_single(self, what: str, instead: str) -> None:
         """``ValueError`` where a plant with several channels meets what knows one of each."""
         if self.channels is not None:
@@ -111,14 +117,27 @@ class Channels:
     @property
     def weights(self) -> Array:
         """(q, 1) by which outputs are multiplied where they are stacked."""
-        each = np.broadcast_to(np.asarray(self.noise, np.float64), (len(self.outputs_named),))
-        level = self.declared_noise
-        return np.asarray(level / each if level else np.ones_like(each))[:, None]
+        level, each = self.declared_noise, np.ones(len(self.outputs_named))
+        return np.asarray(level / (each * self.noise) if level else each)[:, None]  # type: ignore[operator]
 
 
 def by_channel(signals: Rows) -> Rows:
     """Signals (B, m, N), or (B, N) of one channel, with the channels first: (m, B, N)."""
     return signals.reshape(len(signals), -1, signals.shape[-1]).swapaxes(0, 1)  # type: ignore[return-value]
+
+
+def loops_of(gains: Sequence[str], inputs: Names, outputs: Names) -> dict[str, tuple[str, str]]:
+    """Several PI loops by what their gains' names end with, to their input and output.
+
+    The k-th loop answers the k-th output's error by the k-th input, and its gains are called
+    ``kp_name`` and ``Ti_name``.  Empty where gains are others.
+    """
+    bare = [split(name)[0] for name in gains]
+    names = [name.removeprefix("kp_") for name in bare if name.startswith("kp_")]
+    paired = bare == [f"{of}_{name}" for name in names for of in ("kp", "Ti")]
+    if not (paired and len(names) == len(inputs) == len(outputs) > 1):
+        return {}
+    return dict(zip(names, zip(inputs, outputs, strict=True), strict=True))
 
 
 def check_channels(plant: Mapping[str, Any]) -> None:
