@@ -106,6 +106,12 @@ class Channels:
             return y
         return np.asarray(y.reshape(len(y), len(self.weights), -1) / self.weights)
 
+    def in_a_row(self, parts: Sequence[Array]) -> Array:
+        """Stacked outputs (..., q N) of several recordings, one after the other."""
+        count, before = len(self.outputs_named), parts[0].shape[:-1]
+        apart = [part.reshape(*before, count, -1) for part in parts]
+        return np.concatenate(apart, axis=-1).reshape(*before, -1)
+
     @property
     def declared_noise(self) -> float | None:
         """Standard deviation of stacked outputs' noise; None where it depends on the output."""
