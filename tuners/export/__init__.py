@@ -46,7 +46,6 @@ from tuners.export.pi_program import REALS, pi_program
 from tuners.export.pid_program import pid_program, state_feedback_program
 from tuners.export.schedule_program import GainTable, schedule_program
 from tuners.export.tuner_program import first_stage_program, tuner_program
-from tuners.tuner.result import Result
 from tuners.tuner.schedule import Schedule
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
@@ -88,7 +87,7 @@ def export(
     *,
     plant: Plant | None = None,
     Ts: float | None = None,
-    limits: tuple[float, float] | None = None,
+    limits: Any = None,
     real: str = "double",
     features: bool = False,
 ) -> list[Path]:
@@ -134,8 +133,6 @@ def export(
     if target == "c" and isinstance(source, Tuner):
         files = first_stage_program(source) if features else tuner_program(source)
         return _write_all(where, files)
-    if target == "c" and isinstance(source, Result) and source.plant.channels is not None:
-        return _write_all(where, loops_program(source, limits, Ts, real))  # type: ignore[arg-type]
     gains = Gains.of(source, plant)
     if target == "c":
         return _write_all(where, _program(gains, Ts, limits, real))
@@ -149,10 +146,10 @@ def export(
     return [where]
 
 
-def _program(
-    gains: Gains, Ts: float | None, limits: tuple[float, float] | None, real: str
-) -> dict[str, str]:
-    """The controller's C99 program."""
+def _program(gains: Gains, Ts: float | None, limits: Any, real: str) -> dict[str, str]:
+    """The controller's C99 program, or the controllers'."""
+    if gains.channels is not None:
+        return loops_program(gains, limits, Ts, real)
     if gains.controller == STATE_FEEDBACK:
         return state_feedback_program(gains.state_feedback(Ts, limits), real=real)
     if gains.is_pi:

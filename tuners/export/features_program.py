@@ -7,6 +7,7 @@ equations, whose solution are the features or gives a frequency response, or tho
 principal components.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,8 @@ def features_program(
     stage: OnLaguerre,
     Ts: float,
     *,
-    signals: tuple[str, str] = ("u", "y"),
+    inputs: Sequence[str] = ("u",),
+    outputs: Sequence[str] = ("y",),
     name: str = "yawrate_laguerre",
 ) -> dict[str, str]:
     """Header, source and test program, by file name.
@@ -37,33 +39,34 @@ def features_program(
         A tuner's first stage.
     Ts : float
         Sampling time of the episodes [s].
-    signals : tuple of str
-        Names of input and output.
+    inputs, outputs : sequence of str
+        Their names, with units.
     name : str
         Prefix of the files and of all that they declare.
     """
     validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
     pole = float(np.exp(-stage.pole * Ts))
-    test = GoldenSignals.of(stage.pole, Ts)
+    test = GoldenSignals.of(stage.pole, Ts, inputs=len(inputs), outputs=len(outputs))
     golden = stage(*test(), Ts)[0][0]
     values = {
         "stage": stage,
         "Ts": Ts,
-        "signals": signals,
+        "inputs": inputs,
+        "outputs": outputs,
         "pole": pole,
         "gain": np.sqrt(1 - pole * pole),
         "golden": golden,
         "golden_signals": test,
         "tolerance": _TOLERANCE * np.abs(golden).max(),
-        **sizes(stage),
+        **sizes(stage, len(inputs), len(outputs)),
         **_solve(stage, Ts),
     }
     return program("features", name, values)
 
 
-def sizes(stage: OnLaguerre) -> dict[str, int]:
+def sizes(stage: OnLaguerre, inputs: int, outputs: int) -> dict[str, int]:
     """Samples that a recording must have, and bytes of state, constants and (roughly) stack."""
-    n, features = stage.order, stage.width
+    n, features = stage.order * inputs, stage.width
     match stage:
         case Laguerre():
             solved, constants, least = n, 0, 10 * n
@@ -73,7 +76,7 @@ def sizes(stage: OnLaguerre) -> dict[str, int]:
             solved, constants, least = n, 1 + n * features, 10 * n
     return {
         "least_samples": least,
-        "state_size": 8 * (n + 1) ** 2 + 8,
+        "state_size": 8 * (1 + inputs + n + n * n + outputs * n),
         "constant_size": 8 * (4 + constants),
         "stack_size": 8 * solved * (solved + 4),
     }
