@@ -36,6 +36,7 @@ CASES = {
     "plant": (yawrate_env.PLANT_ID, {"plant": "first_order:plant"}),
     "plant, measured": (yawrate_env.PLANT_ID, {"plant": "first_order:gauged"}),
     "plant, one gain": (yawrate_env.PLANT_ID, {"plant": "first_order:lone"}),
+    "plant, channels": (yawrate_env.PLANT_ID, {"plant": "two_by_two:plant"}),
     "features": (yawrate_env.FEATURES_ID, SHORT),
     "features, armax": (yawrate_env.FEATURES_ID, SHORT | {"features": "armax", "decimate": 4}),
     "features, random": (
@@ -48,6 +49,7 @@ CASES = {
     ),
     "features, nonlinear": (yawrate_env.FEATURES_ID, SHORT | {"nonlinear": True, "decimate": 3}),
     "plant features": (yawrate_env.PLANT_FEATURES_ID, {"plant": "first_order:gauged"}),
+    "plant features, channels": (yawrate_env.PLANT_FEATURES_ID, {"plant": "two_by_two:plant"}),
     "plant features, armax": (
         yawrate_env.PLANT_FEATURES_ID,
         {"plant": "first_order:plant", "features": "armax"},

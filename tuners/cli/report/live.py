@@ -91,7 +91,7 @@ def live(result: Result, log: Log, tuner: str) -> dict[str, Any] | None:
     of_kp, _ = gain_units(result.plant).values()
     command = ["yawrate", "tune", log.source or "LOG", "--tuner", tuner]
     return {
-        "names": {"output": displayed(result.plant)[1][0], "gain": of_kp},
+        "names": {"output": displayed(result.plant)[1][0][0], "gain": of_kp},
         "texts": {"command": shlex.join(command), "c": _program(result)},
         "Ts": target.Ts,
         "omega": _rounded(model.omega),
