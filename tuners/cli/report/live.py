@@ -46,7 +46,7 @@ def live(result: Result, log: Log, tuner: str) -> dict[str, Any] | None:
     command = ["yawrate", "tune", log.source or "LOG", "--tuner", tuner]
     slowest, fastest = model.range
     return {
-        "names": {"output": displayed(plant)[1][0]},
+        "names": {"output": displayed(plant)[1][0][0]},
         "texts": {
             "command": shlex.join(command) if plant.loop_target else None,
             "c": _program(result),
