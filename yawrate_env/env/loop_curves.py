@@ -1,4 +1,4 @@
-"""What a picture shows of loops: frequency and step responses of the gains and of the oracle."""
+"""Curves of the loops in a picture: frequency and step responses of the gains and the oracle."""
 
 from dataclasses import dataclass
 
