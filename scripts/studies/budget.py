@@ -40,6 +40,9 @@ Kept = Callable[[Array, Array], Array]
 
 TUNERS = ("ts-ff-lag", "ts-gbm-lag", "ts-ff", "ts-gbm")
 BEST = FeedForwardSettings(neurons=24, max_fail=10)
+POSTERIOR = "posterior spread under the prior"
+"""Its row."""
+
 _BLOCK = 100
 
 
@@ -69,7 +72,7 @@ def budget(sizes: Sizes, seed: int = 0, progress: Progress | None = None) -> lis
     rows = [
         row("Cramér–Rao bound", bound, bound, tuner=""),
         row(
-            "posterior spread under the prior",
+            POSTERIOR,
             posterior_on(plant, "test", seed, sizes.episodes), bound, tuner="",
         ),
         row("`gb`", errors(load("gb"), plant, sizes.episodes, seed), bound, tuner=""),
