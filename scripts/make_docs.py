@@ -3,23 +3,34 @@
     python scripts/make_docs.py [--check] [--folder docs]
 
 environment.md and recalibration_environment.md are the environments' docstrings, in the form of
-Gymnasium's pages; cli.md is what `yawrate --help` says of every command.  With --check nothing is
-written; the exit status is 1 if a page is out of date.
+Gymnasium's pages, with the sources of their numbers (`studies.numbers`); cli.md is what
+`yawrate --help` says of every command.  With --check nothing is written; the exit status is 1 if a
+page is out of date.
 """
 
 import argparse
 import inspect
+import json
+import os
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
 import gymnasium
 
+from studies import mutations_page
+from studies.markdown import table
+from studies.numbers import NUMBER
 from tuners.cli import COMMANDS
 from tuners.cli import main as yawrate
+from tuners.cli.arguments import REFUSED, UNUSABLE
+from tuners.cli.check import NOT_KEPT
 from yawrate_env import ENV_ID, RECALIBRATION_ID
 from yawrate_env.env.recalibration_env import PIRecalibrationEnv
 from yawrate_env.env.yaw_rate_env import PITuningEnv
+
+RESULTS = Path(__file__).parents[1] / "results"
 
 PAGE = """\
 <!-- Written by scripts/make_docs.py from the docstring of {name}: edit that. -->
@@ -46,28 +57,26 @@ CLI_PAGE = """\
 
 {introduction}
 
-| exit status | meaning |
-|---|---|
-| 0 | done; of `tune`: the gains are usable, with care or without |
-| 1 | a log, a tuner or a plant's file cannot be used; the reason is on stderr |
-| 2 | wrong usage |
-| 3 | of `tune`: gains are refused, take care under `--strict`, or `--validate` contradicts them |
-| 3 | of `check`: margins are not as promised, or the drive cannot tell |
+<!-- statuses:start -->
+{statuses}<!-- statuses:end -->
 
 {commands}
 
 ## How `excite` and `train` use simulations
 
-`excite --wanted W` simulates recordings of 32 plants of the prior, with the noise of today's
-experiment or of `--noise`, and finds length and amplitude for which nine out of ten claim an
-interval of ± W or less; the width falls about as 1/(amplitude √length). A table shows the median
-too, and what length or amplitude alone would have to be. For a plant whose loop has no target of
-phase margin and crossover the width is the Cramér–Rao bound's; describe the new experiment in the
-plant before a tuner learns from it.
+`excite --wanted W` simulates recordings of 32<!-- code: tuners.trust.forecast:PLANTS --> plants
+of the prior, with the noise of today's experiment or of `--noise`, and finds length and amplitude
+for which nine out of ten claim an interval of ± W or less; the width falls about as `1/(amplitude
+sqrt(length))`. A table shows the median too, and what length or amplitude alone would have to be.
+For a plant whose loop has no target of phase margin and crossover the width is the Cramér–Rao
+bound's; describe the new experiment in the plant before a tuner learns from it.
 
 `train` first names parameters that the experiment cannot tell apart, by the Fisher information of
-64 plants in widths of the ranges: a direction counts as not found where it holds less than the
-prior's own precision, 12. Errors below 0.7 of what noise and prior allow, on 100 episodes or more,
+64<!-- code: tuners.trust.distinction:PLANTS --> plants in widths of the ranges: a direction counts
+as not found where it holds less than the prior's own precision,
+12<!-- 1 / code: tuners.trust.identification:UNIFORM -->. Errors below
+0.7<!-- code: tuners.cli.train:LEAKS --> of what noise and prior allow, on
+100<!-- code: tuners.cli.train:ENOUGH --> episodes or more,
 are warned of: such a simulator leaks the answer, or its noise is not applied.
 
 ## What a log may hold
@@ -80,7 +89,10 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
   and 4 (`yawrate[mdf]`), MCAP of ROS 2 (`yawrate[mcap]`), CAN traces BLF and ASC with `--dbc`
   (`yawrate[can]`); packed by gzip, bzip2, xz, zstd or zip. `yawrate[logs]` brings all of these.
   A file is read once, so that `/dev/stdin` and `<(command)` serve; devices, pipes that are silent
-  for 10 s and files above 1 GiB (text: 256 MiB) are refused, other formats with the way out.
+  for 10 s<!-- code: tuners.logs.source:PATIENCE --> and files above
+  1 GiB<!-- code: tuners.logs.source:LARGEST / 1073741824 --> (text:
+  256 MiB<!-- code: tuners.logs.csv_file:LARGEST / 1048576 -->) are refused, other formats
+  with the way out.
 - **Columns** are named as the plant names its signals, measured parameters and their labels, or
   `t`, `u` and `y`; for vehicles also as loggers, simulators and standards spell `steer`,
   `yaw_rate` and `speed` (`VehSpd`, `ESP_Gierrate`, `carState.steeringAngleDeg`, `AVz`, `psi_dot`).
@@ -88,7 +100,7 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
   over is noted, and so are speeds that contradict each other. Others are given by
   `--input-column`, `--output-column`, `--measured NAME=COLUMN`.
 - **Time** is seconds or says its unit; clock times, dates, epochs in ms, µs and ns, and counters
-  that begin again at 0 are understood. Rows that repeat or come out of order are put right with a
+  that start over are understood. Rows that repeat or come out of order are put right with a
   note. Stamps that jitter about an even line belong to evenly spaced samples, unless the output
   shows that the samples were taken when stamped: these are resampled. Channels with clocks of
   their own (MDF, MCAP, CAN, blank cells in text) keep them; a command that changes between the
@@ -111,7 +123,7 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
   above ten of the plant's where it has no crossover.
 - **Between samples** the input is held, as by a digital output. That of an analogue generator, or
   one that was measured, is nearer to `--input-between lines`: it is then turned into a held input
-  that acts alike, to 1 % where the input has no frequencies above a fifth of the sampling rate; for
+  that acts alike where the input has no frequencies above a fifth of the sampling rate; for
   faster ones describe the plant with a shorter sampling time.
 - **Stretch**: of a log longer than two experiments the best-excited part is used, where measured
   parameters are steady and within the tuner's range, for plants with `linear=True` or `initial`
@@ -121,11 +133,13 @@ Every tuner reads logs in the same way, for a vehicle as for [any other plant](p
   `--time-unit` it is refused. So are other options that contradict each other.
 - **`--start auto`** means `rest` for plants whose responses do not add up.
 
-`python scripts/log_files.py files` tunes from 65 files of these kinds whose answer is known;
-`hunt` damages files of every format at random and counts what becomes of them. Of 5,000 (seed 0)
-3,822 were refused in one line, the gains of 70 were refused, and 1,108 answers were right. None was
-wrong and trusted, had an interval beside the undamaged file's, ended in a traceback, took 10 s or
-2 GB ([results/log_files.md](../results/log_files.md)).
+`python scripts/log_files.py files` tunes from files of these kinds whose answer is known; `hunt`
+damages files of every format at random and counts what becomes of them
+([results/log_files.md](../results/log_files.md)).
+
+<!-- hunt:start -->
+{hunt}
+<!-- hunt:end -->
 
 `--steer-column`, `--steer-unit`, `--flip-steer` and `--steer-is` are other names of the
 `--input-` options, `--yaw-rate-column`, `--yaw-rate-unit` and `--flip-yaw-rate` of the
@@ -153,11 +167,68 @@ and the `parameters` of the plant fitted to it alone; for one log `logs` is empt
 """
 
 
+STATUSES = (
+    (os.EX_OK, "done; of `tune`: the gains are usable, with care or without"),
+    (UNUSABLE, "a log, a tuner or a plant's file cannot be used; the reason is on stderr"),
+    (click.UsageError.exit_code, "wrong usage"),
+    (
+        REFUSED,
+        "of `tune`: gains are refused, take care under `--strict`, or `--validate` contradicts "
+        "them",
+    ),
+    (NOT_KEPT, "of `check`: margins are not as promised, or the drive cannot tell"),
+)
+
 PICTURE = "![Vehicles tuned one after the other](../figures/environment.gif)\n\n"
 
 
+_ARGUMENT = r"^\| ((?:`\w+`(?:, )?)+) \| ([^|`]*\d[^|`]*) \| (.*) \|$"
+_SIGNED = rf"(?:(?<!\w)-)?{NUMBER}"
+_SPACES = "code: yawrate_env.env.yaw_rate_interface:"
+_REWARD = "code: yawrate_env.plant.reward:"
+_DRIVE = "code: yawrate_env.env.recalibration_env:PIRecalibrationEnv"
+_RANDOM = "leaderboard/PITuning-v0.random.json: runs/0/"
+
+SOURCES: dict[type, dict[str, tuple[str, ...]]] = {
+    PITuningEnv: {
+        "`kp` | 0.001 | 10 |": (f"{_SPACES}KP_RANGE/0", f"{_SPACES}KP_RANGE/1"),
+        "`Ti` | 0.001 | 100 |": (f"{_SPACES}TI_RANGE/0", f"{_SPACES}TI_RANGE/1"),
+        "±20 |": (f"{_SPACES}YAW_RATE_RANGE",),
+        "-4 for a stable": (f"{_REWARD}WORST_STABLE",),
+        "-5 for an unstable": (f"{_REWARD}UNSTABLE",),
+        "below 45 deg": ("code: yawrate_env.env.interface:LEAST_MARGIN",),
+        "92 % of the loops are\nunstable and the mean reward is -4.8": (
+            f"{_RANDOM}unstable * 100", f"{_RANDOM}mean",
+        ),
+        "earn -0.73": ("scoreboard.json: rows/tuner=nominal&context_set=test/reward/value",),
+    },
+    PIRecalibrationEnv: {
+        "drive of 50 windows of 5 s": (f"{_DRIVE}(windows)", f"{_DRIVE}(window)"),
+        "at 100 Hz": (f"1 / {_DRIVE}(Ts_control)",),
+        "(0.02 root mean square": (f"{_DRIVE}(friction_walk)",),
+        "in units of 10 deg and 0.25 Hz": (
+            "code: yawrate_env.plant.pi_loop:PHASE_SCALE",
+            "code: yawrate_env.plant.pi_loop:CROSSOVER_SCALE",
+        ),
+        "-4 for a stable": (f"{_REWARD}WORST_STABLE",),
+        "-5 for an\nunstable": (f"{_REWARD}UNSTABLE",),
+        "below 45 deg": ("code: yawrate_env.env.recalibration_interface:SAFE_MARGIN",),
+    },
+}  # fmt: skip
+"""Phrases of the docstrings with numbers, and where these come from; defaults of arguments are
+found by their names."""
+
+
 def environment_page(kind: type, id: str, title: str, picture: str = "") -> str:
-    summary, sections = inspect.cleandoc(kind.__doc__ or "").split("\n\n", 1)
+    text = inspect.cleandoc(kind.__doc__ or "")
+    for phrase, sources in SOURCES[kind].items():
+        if text.count(phrase) != 1:
+            raise ValueError(
+                f"{kind.__name__}: {phrase!r} stands {text.count(phrase)} times, not once"
+            )
+        text = text.replace(phrase, anchored(phrase, sources))
+    text = re.sub(_ARGUMENT, lambda row: with_defaults(kind, row), text, flags=re.MULTILINE)
+    summary, sections = text.split("\n\n", 1)
     env = gymnasium.make(id)
     return PAGE.format(
         name=kind.__name__,
@@ -169,6 +240,29 @@ def environment_page(kind: type, id: str, title: str, picture: str = "") -> str:
         id=id,
         sections=sections,
     )
+
+
+def anchored(phrase: str, sources: Sequence[str]) -> str:
+    """A phrase with a source behind each of its numbers."""
+    left = iter(sources)
+    with_sources = re.sub(_SIGNED, lambda number: f"{number[0]}<!-- {next(left)} -->", phrase)
+    if next(left, None) is not None:
+        raise ValueError(f"{phrase!r} has fewer than {len(sources)} numbers")
+    return with_sources
+
+
+def with_defaults(kind: type, row: re.Match[str]) -> str:
+    """A row of the table of arguments, whose defaults are those of the code."""
+    names, default = re.findall(r"`(\w+)`", row[1]), row[2]
+    numbers = re.findall(_SIGNED, default)
+    unit = " * degrees" if "deg" in default else ""
+    entry = f"code: {kind.__module__}:{kind.__name__}"
+    one = len(names) == 1
+    sources = [
+        f"{entry}({names[0 if one else i]}){f'/{i}' if one and len(numbers) > 1 else ''}{unit}"
+        for i in range(len(numbers))
+    ]
+    return f"| {row[1]} | {anchored(default, sources)} | {row[3]} |"
 
 
 def box(space: gymnasium.Space) -> str:
@@ -187,7 +281,13 @@ def cli_page() -> str:
         assert command is not None
         context = click.Context(command, parent=top, info_name=name, terminal_width=88)
         sections.append(f"## yawrate {name}\n\n```text\n{command.get_help(context)}\n```")
-    return CLI_PAGE.format(introduction=yawrate.help, commands="\n\n".join(sections))
+    hunt = json.loads((RESULTS / "log_files.json").read_text())
+    return CLI_PAGE.format(
+        introduction=yawrate.help,
+        statuses=table(("exit status", "meaning"), STATUSES),
+        hunt=mutations_page.summary(hunt),
+        commands="\n\n".join(sections),
+    )
 
 
 PAGES: dict[str, Callable[[], str]] = {

@@ -39,7 +39,7 @@ def main(
     plots.save(robustness_plot.degrees(levels), figures / "robustness_degree.png")
     plots.save(robustness_plot.kinds(rows), figures / "robustness.png")
     if front is not None:
-        summary = robustness_page.summary(rows)
+        summary = robustness_page.summary(rows, given)
         write_text(front, readme.updated(front.read_text(), "robustness", summary))
     print((results / "robustness.md").read_text())
 

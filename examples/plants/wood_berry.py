@@ -19,7 +19,8 @@ by one factor F, so that the closed loops together, with L = -1 + det(I + G C), 
 import numpy as np
 
 from yawrate_env.loop.dead_time import respond, zoh_late
-from yawrate_env.plant import Metric, Parametrisation, Plant
+from yawrate_env.plant import Metric, Plant
+from yawrate_env.plant.parametrisation import of_gains
 from yawrate_env.plant.responses import ClosedLoop, Response
 from yawrate_env.signals.excitation import prbs
 
@@ -153,21 +154,6 @@ def loop(theta, gains):
     return ClosedLoop(tuple(responses))
 
 
-SIGNS = np.array([1.0, 1.0, -1.0, 1.0])
-
-
-def encode(gains):
-    """Logarithms of the gains' sizes."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.log(SIGNS * gains)
-
-
-def decode(values):
-    """Gains of a known sign."""
-    with np.errstate(over="ignore"):
-        return SIGNS * np.exp(values)
-
-
 def around(values, share):
     """Ranges of a share below and above, by channel."""
     return [tuple(sorted(((1 - share) * v, (1 + share) * v))) for v in values.ravel().tolist()]
@@ -188,7 +174,7 @@ plant = Plant(
         "top_error [min]": Metric(np.inf),  # follow from the plant's gains; no rule sets them
         "bottom_error [min]": Metric(np.inf),
     },
-    parametrisation=Parametrisation(encode, decode),
+    parametrisation=of_gains(("log",) * 4, (1, 1, -1, 1)),
     u=INPUTS,
     Ts=TS,
     noise=(0.05, 0.05),

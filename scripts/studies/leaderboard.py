@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import tuners
 from studies import recalibration_agent
@@ -19,6 +20,7 @@ from yawrate_env import ENV_ID, RECALIBRATION_ID
 from yawrate_env.batch import replaced
 from yawrate_env.env.recalibration_env import PIRecalibrationEnv
 from yawrate_env.env.recalibration_interface import RecalibrationInterface
+from yawrate_env.env.yaw_rate_interface import KP_RANGE, TI_RANGE
 
 Progress = Callable[[str, int, int], Any]
 
@@ -107,13 +109,36 @@ class Keep:
         return np.full((len(obs), 3), -1.0), None
 
 
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """Actions drawn evenly from a box.
+
+    Attributes
+    ----------
+    low, high : NDArray
+        (m,) its bounds.
+    rng : Generator
+        Where they come from.
+    """
+
+    low: NDArray[Any]
+    high: NDArray[Any]
+    rng: np.random.Generator
+
+    def predict(self, obs: Any, /, **_: Any) -> tuple[Any, None]:
+        """Actions that know nothing."""
+        return self.rng.uniform(self.low, self.high, (len(obs), len(self.low))), None
+
+
 def own(windows: int, seeds: int, episodes: int | None, progress: Progress) -> list[Entry]:
     """The project's entries; agents of re-calibration are trained, the others are shipped."""
     made, found = PIRecalibrationEnv().interface, []
+    low, high = np.array([KP_RANGE, TI_RANGE]).T
     todo: list[tuple[str, str, Callable[[], dict[int, Any]], str]] = [
         *((ENV_ID, name, lambda name=name: {0: tuners.load(name)},
            f"{learned_from(tuners.load(name)) or 'nothing'}; knows {what}")
           for name, what in _KNOWS.items()),
+        (ENV_ID, "random", lambda: {0: Drawn(low, high, np.random.default_rng(0))}, "nothing"),
         (RECALIBRATION_ID, "keep", lambda: {0: Keep()}, "nothing; knows the gains of the start"),
         (RECALIBRATION_ID, "window-alone", lambda: {0: Ruled(made, False)},
          "nothing; knows simulator and rule"),

@@ -60,6 +60,19 @@ def write(found: dict[str, Any], folder: Path) -> None:
     write_text(folder / "log_files.md", page(found))
 
 
+def summary(found: dict[str, Any]) -> str:
+    """The outcomes in a sentence, as docs/cli.md shows them."""
+    total: Counter[str] = Counter()
+    for counts in found["formats"].values():
+        total.update(counts)
+    forbidden = sum(total[outcome] for outcome in FORBIDDEN)
+    return (
+        f"Of {found['conditions']['count']:,} files {total[REFUSED]:,} were refused in one line, "
+        f"the gains of {total[UNTRUSTED]} were refused, and {total[RIGHT]:,} answers were right; "
+        f"what must not be ({'; '.join(FORBIDDEN)}) came {forbidden} times."
+    )
+
+
 def page(found: dict[str, Any]) -> str:
     """The page from the stored numbers."""
     total: Counter[str] = Counter()

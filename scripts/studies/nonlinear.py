@@ -241,7 +241,7 @@ def to_markdown(scores: Sequence[Score]) -> str:
 
 
 def summary(scores: Sequence[Score]) -> str:
-    """What docs/nonlinear.md shows: root mean square errors of the phase margin."""
+    """What docs/nonlinear.md shows: rms errors of the phase margin, and who is closer."""
     tuners = list(dict.fromkeys(s.tuner for s in scores if s.tuner != "oracle"))
     largest = max(s.amplitude for s in scores)
     rows = [
@@ -253,7 +253,23 @@ def summary(scores: Sequence[Score]) -> str:
         for margins in [{s.tuner: s.phase_margin for s in scores
                          if (s.amplitude, s.low_friction) == (amplitude, low)}]
     ]  # fmt: skip
-    return table(("command", *tuners), rows)
+    return f"{table(('command', *tuners), rows)}\n{_closer(scores, largest)}"
+
+
+def _closer(scores: Sequence[Score], amplitude: float) -> str:
+    """At one amplitude: how the twins' tuners compare, and how many answers are usable."""
+    here = {(s.tuner, s.low_friction): s for s in scores if s.amplitude == amplitude}
+    (_, _, *every), (_, _, *low) = (f for f in factors(scores) if f[0] == amplitude)
+    mistaken = here[LINEAR, False].phase_margin / here[MISTAKEN, False].phase_margin
+    usable = [here[name, False].trusted or 0.0 for name in (NONLINEAR, LINEAR)]
+    return (
+        f"At ±{amplitude:g}° the tuner of the nonlinear twin is {every[0]:.3g} times closer to the "
+        f"target phase margin than that of the linear twin, and {every[1]:.3g} times closer to the "
+        f"crossover; {low[0]:.3g} and {low[1]:.3g} times where μ_s < {LOW_FRICTION:g}. That of the "
+        f"twin with less grip is {mistaken:.2g} times closer to the phase margin. Of {ASKED} "
+        f"answers of the nonlinear twin's tuner {usable[0]:.0%} are usable, of the linear twin's "
+        f"{usable[1]:.0%}."
+    )
 
 
 def _cells(s: Score) -> tuple[object, ...]:

@@ -24,6 +24,8 @@ from tuners.trust.identification import output_slopes
 from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
+UNSURE = 0.3  # of the own value of the vehicle
+
 KINDS = "all ± 5 %", "all ± 30 %, another car", "dead time up to 40 ms"
 CONDITIONS = Condition(14.0, 5.0), Condition(20.0, 5.0)
 COUNT, SEED = 100, 11
@@ -66,7 +68,9 @@ def fitted(plant: Plant, model: BlackBox, start: Array) -> tuple[Array, Array]:
 def main() -> None:
     tuner = tuners.load(CLIMBER)
     task = task_of(tuner.plant)
-    ranges = {n: tuple(getattr(task.vehicle, n) * f for f in (0.7, 1.3)) for n in UNCERTAIN}
+    ranges = {
+        n: tuple(getattr(task.vehicle, n) * f for f in (1 - UNSURE, 1 + UNSURE)) for n in UNCERTAIN
+    }
     plant = yaw_rate(replace(task, prior=replace(task.prior, **ranges)), check=False)
     for kind in KINDS:
         for condition in CONDITIONS:

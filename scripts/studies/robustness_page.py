@@ -10,6 +10,7 @@ from studies.degree import CONDITION, Level
 from studies.markdown import general, table
 from studies.robustness import PLAYERS, Row, plain, pooled
 from studies.trusting import MISS
+from tuners.trust.intervals import LEVEL
 from yawrate_env.files import write_text
 
 _PAGE = """\
@@ -96,8 +97,8 @@ def page(rows: Sequence[Row], levels: Sequence[Level], conditions: dict[str, Any
     )
 
 
-def summary(rows: Sequence[Row]) -> str:
-    """The groups in a few columns, as README.md shows them."""
+def summary(rows: Sequence[Row], conditions: dict[str, Any]) -> str:
+    """How it was counted, and the groups in a few columns, as docs/accuracy.md shows them."""
     groups = dict.fromkeys(r.group for r in rows)
     lines = []
     for group in groups:
@@ -111,7 +112,14 @@ def summary(rows: Sequence[Row]) -> str:
         "what is wrong", "recordings", "learner misses", "ladder misses",
         "usable / with care / refused", "misses called usable", "with care", "intervals hold",
     )  # fmt: skip
-    return table(heads, lines)
+    kinds = {r.kind for r in rows} - {"nothing"}
+    counted = (
+        f"{len(kinds)} kinds, {conditions['recordings']} recordings of each under "
+        f"each of {_listed(_distinct(rows, 'condition'))}; a miss is unstable, or more than "
+        f"{MISS[0]:g}° or {MISS[1]:g} Hz from what the design rule reaches on the true vehicle; "
+        f"intervals are those of {LEVEL:.0%}."
+    )
+    return f"{counted}\n\n{table(heads, lines)}"
 
 
 def _sentences(rows: Sequence[Row], names: Sequence[str]) -> str:

@@ -1,6 +1,7 @@
 """The PI loops of a distillation column in C, against the controllers one by one."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from recordings import ROOT
 from two_by_two import plant as other
 
 import tuners
-from tuners.export import export
+from tuners.export import Gains, export, plant_settings
 from tuners.export.loops_program import Loop
 from yawrate_env.plant.entry import find
 from yawrate_env.plant.episodes import recorded
@@ -26,7 +27,7 @@ def result():
 
 
 def test_loops_are_pi_controllers_of_either_sign(result):
-    top, bottom = Loop.all_of(result.plant, result.gains, LIMITS)
+    top, bottom = Loop.all_of(Gains.of(result), LIMITS)
     assert (top.name, top.sign, bottom.name, bottom.sign) == ("top", 1, "bottom", -1)
     assert bottom.pi.kp == -result.gains["kp_bottom"] and top.pi.Ts == result.plant.Ts
     assert bottom.pi.units == ("lb/min", "%") and bottom.pi.low == -0.3
@@ -64,6 +65,7 @@ def test_json_has_the_gains_by_name(result, tmp_path):
 ])  # fmt: skip
 def test_what_are_no_loops_is_refused_by_name(result, gains, limits, name):
     with pytest.raises(ValueError, match=name):
-        Loop.all_of(result.plant, gains or result.gains, limits)
+        Loop.all_of(replace(Gains.of(result), values=gains or result.gains), limits)
     with pytest.raises(ValueError, match="gains"):
-        Loop.all_of(other, {"kp1": 1.0, "Ti1": 1.0, "kp2": 1.0, "Ti2": 1.0}, LIMITS)
+        values = {"kp1": 1.0, "Ti1": 1.0, "kp2": 1.0, "Ti2": 1.0}
+        Loop.all_of(Gains.read_plant(values, plant_settings(other)), LIMITS)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from two_by_two import plant as two
 from two_by_two import simulate as of_two
 
@@ -65,3 +66,18 @@ def test_four_levels_show_a_saturation_that_two_hide(levels, trusted):
         missed = (np.abs(error) > 2 * plant.metric_setting("error")).any(axis=1)
         assert missed.all() == (name != "none")
         assert abs(found.trusted.sum() - expected) <= 1
+
+
+def test_a_slow_disturbance_is_not_taken_for_a_curve():
+    """Four steps show little of a curve, and it explains much of a disturbance: by chance."""
+    plant = plants.fopdt()
+    tuner, theta, rng = tuners.load("gb", plant), sample(plant, 40), np.random.default_rng(5)
+    u = np.repeat([0.0, 1.0, -0.8, 0.6], [10, 190, 200, 200])
+    slow = lfilter([1.0], [1.0, -0.97], 0.05 * rng.standard_normal((40, 600)))
+    y = plant.respond(theta, u) + slow + 0.02 * rng.standard_normal((40, 600))
+    _, found = tuner.assess(Recording(u[None], y, plant.Ts))
+    apart, chance = (
+        each[:, -1] for each in (found.fit.discrepancy.shifts, found.fit.discrepancy.chance)
+    )
+    deviations = np.abs(apart) / np.sqrt(np.diagonal(chance, axis1=1, axis2=2))
+    assert (deviations <= 3.0).mean() > 0.95

@@ -1,6 +1,5 @@
 """Several inputs and outputs, against plants with one of each, closed forms and counts."""
 
-import gymnasium
 import numpy as np
 import pytest
 from two_by_two import TS, N, U, apart, described, lag, plant
@@ -161,19 +160,31 @@ def test_a_trained_tuner_answers_and_is_saved(tmp_path):
     assert changed(noisier, fingerprint(plant)) in ("noise", "recordings")
 
 
-def test_what_knows_one_channel_refuses_several(tmp_path):
-    tuner, block = tuners.load("gb", plant), recorded(plant, "test", 0, 1)
-    recording = Recording(block.u, block.y, TS)
-    for refused in (
-        lambda: gymnasium.make("yawrate_env:yawrate/Plant-v0", plant=plant),
-        lambda: tuner.pool([recording, recording]),
-        lambda: tuner.predict(np.zeros((2, N))),
-        lambda: tuner.tune(*block.u, *block.y, reference=U[0]),
-        lambda: tuners.data.generate(plant, "train", Laguerre(4, 0.1), 64, 0, tmp_path / "d"),
-    ):
-        with pytest.raises(ValueError, match="plant|reference"):
-            refused()
-    assert not any(tmp_path.iterdir())
+def test_several_recordings_of_one_plant_are_pooled_and_another_is_found_out():
+    """Their information adds up; a third, which did not tune, agrees with them."""
+    first, second, third = (recorded(plant, "test", 0, 1, repeat=k) for k in range(3))
+    tuner = tuners.load("gb", plant)
+    one, two, other = (Recording.of(plant, b.u[0], b.y[0]) for b in (first, second, third))
+    result = tuner.pool([one, two], validate=other)
+    assert result.verdict.value == "usable" and result.validation.agrees
+    np.testing.assert_allclose(
+        result.fit.measured, np.concatenate([one.y[0], two.y[0]], axis=1), atol=1e-12
+    )
+    np.testing.assert_allclose(result.fit.u, np.concatenate([one.u[0], two.u[0]], axis=1))
+    alone = tuner.tune(one.u[0], one.y[0]).exact_gain_intervals
+    for name, ends in result.exact_gain_intervals.items():
+        ratio = (ends.high - ends.low) / (alone[name].high - alone[name].low)
+        assert ratio == pytest.approx(1 / np.sqrt(2), abs=0.05)
+    changed = recorded(plant, "test", 5, 1)
+    result = tuner.pool([one, two, Recording.of(plant, changed.u[0], changed.y[0])])
+    assert [share.agrees for share in result.logs] == [True, True, False]
+    assert not result.trusted
+
+
+def test_a_closed_loop_of_several_channels_is_refused():
+    block = recorded(plant, "test", 0, 1)
+    with pytest.raises(ValueError, match="reference"):
+        tuners.load("gb", plant).tune(*block.u, *block.y, reference=U[0])
 
 
 @pytest.mark.parametrize("changes, name", [

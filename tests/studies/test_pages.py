@@ -22,6 +22,7 @@ from studies import (
     nonlinear_speed,
     off_design_page,
     plants,
+    printed,
     process_plants,
     ratios,
     readme,
@@ -136,7 +137,8 @@ def test_other_pages_show_the_tables_of_the_results():
     front, page = ((ROOT / name).read_text() for name in ("README.md", "docs/accuracy.md"))
     for text, name in ((front, "table3"), (page, "ratios")):
         assert readme.updated(text, name, (RESULTS / f"{name}.md").read_text()) == text
-    summary = robustness_page.summary(robustness_page.read(stored("robustness"))[0])
+    rows, _, conditions = robustness_page.read(stored("robustness"))
+    summary = robustness_page.summary(rows, conditions)
     assert readme.updated(page, "robustness", summary) == page
     guide = (ROOT / "docs" / "nonlinear.md").read_text()
     scores = [nonlinear.Score(**row) for row in stored("nonlinear")["rows"]]
@@ -144,6 +146,9 @@ def test_other_pages_show_the_tables_of_the_results():
     guide, results = ((ROOT / folder / "plants.md").read_text() for folder in ("docs", "results"))
     rows = [line for line in results.splitlines() if line.startswith("|")]
     assert len(rows) > 12 and set(rows) <= set(guide.splitlines())
+    guide = (ROOT / "docs" / "matlab.md").read_text()
+    assert readme.updated(guide, "matlab", printed.compared()) == guide
+    guide = (ROOT / "docs" / "plants.md").read_text()
     summary = process_plants.overview(stored("process_plants"))
     assert readme.updated(guide, "process_plants", summary) == guide
     (part,) = stored("channels").values()

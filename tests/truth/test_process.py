@@ -15,6 +15,11 @@ SYSTEMS = {
     "fopdt": ([1.3, 14.0, 5.375], ([1.3], [14.0, 1.0])),
     "sopdt": ([0.7, 21.0, 4.0, 8.625], ([0.7], [84.0, 25.0, 1.0])),
     "integrator": ([0.05, 3.25], ([0.05], [1.0, 0.0])),
+    "thermal": ([2.0, 0.0125, 0.01, 7.0, 4.375], ([0.01], np.polymul([2.0, 0.0125], [7.0, 1.0]))),
+    "dc_motor": (  # K/((L s + R)(J s + b) + K^2), with L = R Te, and a dead time of 2.5 samples
+        [2e-4, 1e-3, 0.05, 0.8, 2e-3, 0.0125],
+        ([0.05], np.polyadd(np.polymul([1.6e-3, 0.8], [2e-4, 1e-3]), [0.0025])),
+    ),
 }
 
 
@@ -23,12 +28,40 @@ def test_a_fractional_dead_time_is_scipys(name):
     """Eight steps a sample, of which the dead time is a whole number."""
     theta, system = SYSTEMS[name]
     plant = getattr(plants, name)()
-    u = plant.u.repeat(EIGHTHS)
-    late = round(theta[-1] * EIGHTHS)
+    step, u = plant.Ts / EIGHTHS, plant.u.repeat(EIGHTHS)
+    late = round(theta[-1] / step)
     delayed = np.concatenate([np.zeros(late), u[:-late]])
-    expected = lsim(system, delayed, np.arange(len(u)) / EIGHTHS, interp=False)[1][::EIGHTHS]
+    expected = lsim(system, delayed, np.arange(len(u)) * step, interp=False)[1][::EIGHTHS]
     found = plant.respond(np.array([theta]))[0]
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_rules_for_processes_know_gain_and_lags(name):
+    """The steady gain, or slope, and the poles are those of the matrices."""
+    theta = np.array([SYSTEMS[name][0]])
+    plant = getattr(plants, name)(rule="lambda", tau_c=20.0)
+    loop = plant.simulate.__self__
+    process, discrete = loop.process(theta), loop.discrete(theta, loop.Ts)
+    lags = np.array([process.lag[0], process.second_lag[0]])
+    poles = np.exp(-loop.Ts / lags[lags > 0])
+    found = np.sort(np.linalg.eigvals(discrete.A[0]))
+    np.testing.assert_allclose(found, np.sort(poles), rtol=1e-9)
+    assert process.dead_time[0] == theta[0, -1] + loop.Ts / 2
+    if np.isfinite(process.lag[0]):
+        stationary = np.linalg.solve(np.eye(len(poles)) - discrete.A[0], discrete.B[0])
+        steady = discrete.C @ stationary + discrete.D[0]
+        np.testing.assert_allclose(steady, process.gain, rtol=1e-9)
+
+
+def test_a_motor_that_swings_has_two_lags_of_its_natural_frequency():
+    """As much inductance as inertia: poles of the characteristic polynomial are complex."""
+    J, b, K, R, Te = 1e-4, 1e-3, 0.05, 1.0, 0.1
+    poles = np.roots([J * R * Te, R * (J + b * Te), b * R + K**2])
+    assert (poles.imag != 0).all()
+    loop = plants.dc_motor().simulate.__self__
+    process = loop.process(np.array([[J, b, K, R, Te, 0.0]]))
+    np.testing.assert_allclose([process.lag[0], process.second_lag[0]], 1 / abs(poles[0]))
 
 
 def test_every_row_of_a_batch_has_its_own_dead_time_and_input():
@@ -83,6 +116,8 @@ def test_experiments_have_the_input_that_is_asked_for():
     four = plants.fopdt(experiment={"levels": 4, "amplitude": 3.0})
     np.testing.assert_allclose(np.unique(four.u), [-3.0, -1.0, 1.0, 3.0])
     assert find(four.entry, arguments=four.arguments).u.tolist() == four.u.tolist()
+    motor = plants.dc_motor(experiment={"noise": 2.0})  # the others are a motor's own
+    assert (motor.noise, motor.Ts, motor.u.max()) == (2.0, 5e-3, 6.0)
     sines = plants.fopdt(experiment={"kind": "multisine"}).u
     np.testing.assert_array_equal(sines, multisine(600, 1.0, 20.0, 1.0)[0])
     longer = plants.sopdt(experiment={"order": 9}).u

@@ -17,9 +17,8 @@ from tuners.cli.arguments import (
     vehicle_option,
 )
 from tuners.cli.sources import plant_from
-from tuners.cli.text import displayed, every, levels
+from tuners.cli.text import amplitudes, every
 from yawrate_env.files import write_text
-from yawrate_env.plant.names import split
 
 
 @click.command(epilog=example("yawrate excite --vehicle car.toml --wanted 0.5 -o prbs.csv"))
@@ -82,7 +81,5 @@ def command(
     rows, times = np.atleast_2d(u), plant.Ts * np.arange(u.shape[-1])
     writer.writerows([f"{value:.9g}" for value in row] for row in zip(times, *rows, strict=True))
     write_text(out, text.getvalue())
-    shown = plant.inputs_named if plant.channels else (displayed(plant)[0][0],)
-    inputs = (f"{split(n)[0]}, {levels(plant, row, n)}" for n, row in zip(shown, rows, strict=True))
-    length = f"{u.shape[-1] * plant.Ts:.6g} s"
-    click.echo(f"{out}: {length} of {', '.join(inputs)}, {every(plant.Ts)}{said}")
+    length, inputs = f"{u.shape[-1] * plant.Ts:.6g} s", ", ".join(amplitudes(plant, u))
+    click.echo(f"{out}: {length} of {inputs}, {every(plant.Ts)}{said}")

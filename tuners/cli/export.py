@@ -44,8 +44,10 @@ from tuners.export import TARGETS, Gains, export
 @click.option(
     "--limits",
     type=(NUMBER, NUMBER),
+    multiple=True,
     metavar="LOW HIGH",
-    help="Least and largest command, in the plant's unit. [default: the plant's, if any]",
+    help="Least and largest command, in the plant's unit; of several loops once for each, in the "
+    "order of the inputs. [default: the plant's, if any]",
 )
 @click.option(
     "--target",
@@ -64,7 +66,7 @@ from tuners.export import TARGETS, Gains, export
 )
 def command(
     kp: float | None, ti: float | None, vehicle: Path | None, result: Path | None,
-    tuner: str | None, features: bool, ts: float | None, limits: tuple[float, float] | None,
+    tuner: str | None, features: bool, ts: float | None, limits: tuple[tuple[float, float], ...],
     target: str, out: Path,
 ) -> None:  # fmt: skip
     """Write a controller, or a tuner, for another program.
@@ -83,7 +85,7 @@ def command(
         raise click.UsageError("--vehicle is for --kp and --Ti: leave it out.")
     if features and tuner is None:
         raise click.UsageError("--features is for a tuner: give --tuner.")
-    if tuner is not None and (ts, limits) != (None, None):
+    if tuner is not None and (ts, limits) != (None, ()):
         raise click.UsageError("--Ts and --limits are a controller's: give gains, not --tuner.")
     if out.exists() and out.is_dir() != (target == "c"):
         raise click.UsageError(f"{out} exists. Target c writes a folder, any other a file.")
@@ -95,7 +97,8 @@ def command(
         source = Gains.read(result)
     else:
         source = Gains.of((kp, ti), plant_from(vehicle))
-    for path in export(source, target, out, Ts=ts, limits=limits, features=features):
+    chosen = limits[0] if len(limits) == 1 else limits or None
+    for path in export(source, target, out, Ts=ts, limits=chosen, features=features):
         click.echo(str(path))
     if result is not None and not source.trusted:
         click.echo(f"{result}: these gains are refused.", err=True)

@@ -18,7 +18,7 @@ VEHICLE = "vehicle"
     type=click.Choice([VEHICLE, *plants.NAMES]),
     default=VEHICLE,
     show_default=True,
-    help="A vehicle; first order, or second order, or an integrator, plus dead time.",
+    help="A vehicle; first or second order, or an integrator, plus dead time; a motor; a heater.",
 )
 @click.option(
     "-o", "--out", type=Output(".toml"), help="File to write. [default: car.toml or PLANT.toml]"

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from tuners.tuner.method import Rung
 from tuners.tuner.pooling.share import Share, Validation
 from tuners.tuner.result import Result
 from yawrate_env.loop.controllers import CONTROLLERS
-from yawrate_env.plant.names import split, valued
+from yawrate_env.plant.names import split, valued, word
 from yawrate_env.plant.plant import Plant
 
 _TIMES = "Ti", "Td", "Tf", "T_lead", "T_lag"
@@ -99,6 +100,10 @@ def validated(result: Result) -> list[str]:
     return ["Validation", f"  {held.sentence}", *(f"  {n:<{width}}{v}" for n, v in rows)]
 
 
+Shown = tuple[tuple[str, float], ...]
+"""Names of signals for people, with their units, and the factors to these."""
+
+
 def fit_percent(held: Validation) -> str:
     """Share of the output that is reproduced, and the share that can be."""
     return f"{held.fit:.1f} % of the output; a model of this log alone {held.attainable:.1f} %"
@@ -118,13 +123,16 @@ def answered_by(result: Result) -> str:
 
 
 def described(log: Log, plant: Plant) -> str:
-    """A log's stretch, sampling time, measured parameters, and amplitude of the input."""
-    (name, factor), _ = displayed(plant)
-    word, unit = split(name)
-    amplitude = f"{word} ±{quantity(factor * log.excitation.amplitude, unit, digits=3)}"
+    """A log's stretch, sampling time, measured parameters, and amplitudes of its inputs."""
+    amplitudes = [
+        f"{split(name)[0]} ±{quantity(factor * amplitude, unit_of(name), digits=3)}"
+        for (name, factor), amplitude in zip(
+            displayed(plant)[0], log.excitation.amplitudes, strict=True
+        )
+    ]
     measured = [valued(plant.label(n), float(v.mean())) for n, v in log.measured.items()]
     stretch = f"{log.t0:.2f} to {log.t0 + log.duration:.2f} s"
-    return ", ".join([stretch, every(log.recorded_Ts), *measured, amplitude])
+    return ", ".join([stretch, every(log.recorded_Ts), *measured, *amplitudes])
 
 
 def explained(reason: str, checks: tuple[Check, ...]) -> str:
@@ -179,17 +187,32 @@ def unit_of(name: str) -> str:
     return split(name)[1]
 
 
-def displayed(plant: Plant) -> tuple[tuple[str, float], tuple[str, float]]:
-    """Names of input and output for people, and the factors to their units."""
-    input, output = plant.signals
-    return plant.display or ((input, 1.0), (output, 1.0))
+def displayed(plant: Plant) -> tuple[Shown, Shown]:
+    """Names of the inputs and of the outputs for people, and the factors to their units."""
+    if plant.display is not None:
+        input, output = plant.display
+        return (input,), (output,)
+    inputs, outputs = (
+        tuple((name, 1.0) for name in names) for names in (plant.inputs_named, plant.outputs_named)
+    )
+    return inputs, outputs
 
 
-def levels(plant: Plant, u: NDArray[np.float64], name: str = "") -> str:
-    """Range of an input (N,) in the unit for people, ``±1 deg``; of several, of the one named."""
-    (first, factor), _ = displayed(plant)
-    name = name or first
-    low, high = factor * float(u.min()), factor * float(u.max())
+def in_words(shown: Shown, otherwise: str) -> str:
+    """Names of signals in a sentence: ``reflux and steam``."""
+    *first, last = (word(name, otherwise) for name, _ in shown)
+    return " and ".join([", ".join(first), last] if first else [last])
+
+
+def amplitudes(plant: Plant, u: NDArray[np.float64]) -> list[str]:
+    """Name and range of each input (N,) or (m, N) in its unit for people: ``steering, ±1 deg``."""
+    inputs = zip(displayed(plant)[0], np.atleast_2d(u), strict=True)
+    return [f"{split(name)[0]}, {levels(factor * row, name)}" for (name, factor), row in inputs]
+
+
+def levels(u: NDArray[np.float64], name: str) -> str:
+    """Range of a signal (N,) whose name holds its unit: ``±1 deg``."""
+    low, high = float(u.min()), float(u.max())
     start = "±" if np.isclose(-low, high) else "" if low == high else f"{low:.3g} to "
     return start + quantity(high, split(name)[1], digits=3)
 
@@ -200,7 +223,10 @@ def gain_units(plant: Plant) -> dict[str, str]:
     known = {"kp": ratio(input, output)} | dict.fromkeys(_TIMES, "s")
     if controller_of(plant) in CONTROLLERS or plant.parametrisation.target is not None:
         return {name: unit_of(name) or known.get(name, "") for name in plant.gains}
-    return {name: unit_of(name) for name in plant.gains}
+    own = [
+        unit for signals in plant.loops.values() for unit in (ratio(*map(unit_of, signals)), "s")
+    ]
+    return {n: unit_of(n) or unit for n, unit in zip_longest(plant.gains, own, fillvalue="")}
 
 
 def vendors_rows(result: Result) -> list[tuple[str, str]]:

@@ -8,7 +8,7 @@
 | `usable` | bool | the features converged and the design rule reaches its target |
 | the gains | float64 | of the design rule |
 | the coordinates | float64 | the same gains as the learner predicts them |
-| `u`, `y` | float32[N] | the recording, on request |
+| `u`, `y` | float32[N] | the recording, on request; of several inputs and outputs by their names |
 """
 
 import re
@@ -23,8 +23,6 @@ from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 
 Columns = dict[str, NDArray[Any]]
-
-SIGNALS = "u", "y"
 
 _OWN = "feature"
 _FEATURE = re.compile(rf"({'|'.join((*FEATURES, _OWN))})_\d+")
@@ -51,8 +49,7 @@ def coordinate_names(plant: Plant) -> tuple[str, ...]:
 
 def units(plant: Plant) -> dict[str, str]:
     """Units of the columns that have any."""
-    labels = {name: plant.label(name) for name in plant.prior}
-    labels |= dict(zip(SIGNALS, plant.signals, strict=True))
+    labels = {name: plant.label(name) for name in plant.prior} | plant.columns
     found = {name: split(label)[1] for name, label in labels.items()}
     return {name: unit for name, unit in found.items() if unit}
 
@@ -61,10 +58,10 @@ def check(plant: Plant) -> None:
     """``ValueError`` where two columns would have one name."""
     coordinates = coordinate_names(plant)
     coordinates = () if coordinates == plant.gains else coordinates
-    names = [*plant.prior, *plant.gains, *coordinates, "episode", "usable", *SIGNALS]
+    names = [*plant.prior, *plant.gains, *coordinates, "episode", "usable", *plant.columns]
     for name, count in Counter(names).items():
         if count > 1 or _FEATURE.fullmatch(name):
             raise ValueError(
-                f"{name!r} would be the name of two columns. Rename the plant's parameter, gain or "
-                "coordinate."
+                f"{name!r} would be the name of two columns. Rename the plant's parameter, gain, "
+                "coordinate or channel."
             )

@@ -97,7 +97,6 @@ def generate(
     count = cores() if workers is None else validation.count("workers", workers)
     episodes = validation.count("episodes", episodes)
     validation.instance("plant", plant, Plant, remedy="Give a Plant.")
-    plant.check_single("data sets hold", "Train with tuners.train(plant), which needs none.")
     if shard_size is None:
         shard_size = manifest.shard_size(episodes, raw)
     recipe = Configuration(plant, set, features, seed, episodes, shard_size, raw)

@@ -14,7 +14,6 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from tuners.data.columns import (
-    SIGNALS,
     Columns,
     coordinate_names,
     feature_names,
@@ -25,6 +24,7 @@ from tuners.data.manifest import Configuration, DatasetError, Shard
 from tuners.features import settings_of
 from tuners.tuner.examples import Examples, examples_of
 from yawrate_env.batch import concatenate
+from yawrate_env.plant.channels import by_channel
 
 ROWS, RAW_ROWS = 8192, 512
 """At most so many rows are read at a time, without and with recordings."""
@@ -53,15 +53,16 @@ def columns(recipe: Configuration, shard: Shard) -> Columns:
     """Simulate a shard's episodes."""
     parts: list[Examples] = []
     done = 0
-    shape = shard.rows if recipe.raw else 0, len(recipe.plant.u)
-    raw = {name: np.empty(shape, np.float32) for name in SIGNALS}
+    shape = shard.rows if recipe.raw else 0, recipe.plant.samples
+    raw = {name: np.empty(shape, np.float32) for name in recipe.plant.columns}
     for rows, block in examples_of(
         recipe.plant, recipe.set, recipe.seed, shard.first, shard.rows, recipe.features
     ):
         parts.append(rows)
         if recipe.raw:
-            for name, signal in zip(SIGNALS, (block.u, block.y), strict=True):
-                raw[name][done : done + len(rows)] = signal
+            signals = (*by_channel(block.u), *by_channel(block.y))
+            for column, signal in zip(raw.values(), signals, strict=True):
+                column[done : done + len(rows)] = signal
         done += len(rows)
     return _of_examples(concatenate(parts), recipe) | (raw if recipe.raw else {})
 

@@ -53,7 +53,6 @@ from tuners.export.scripts import (
     state_feedback_script,
 )
 from tuners.export.tuner_program import first_stage_program, tuner_program
-from tuners.tuner.result import Result
 from tuners.tuner.schedule import Schedule
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
@@ -97,7 +96,7 @@ def export(
     *,
     plant: Plant | None = None,
     Ts: float | None = None,
-    limits: tuple[float, float] | None = None,
+    limits: Any = None,
     real: str = "double",
     features: bool = False,
 ) -> list[Path]:
@@ -144,8 +143,6 @@ def export(
     if target == "c" and isinstance(source, Tuner):
         files = first_stage_program(source) if features else tuner_program(source)
         return _write_all(where, files)
-    if target == "c" and isinstance(source, Result) and source.plant.channels is not None:
-        return _write_all(where, loops_program(source, limits, Ts, real))  # type: ignore[arg-type]
     gains = Gains.of(source, plant)
     if target == "json" and limits is None and (gains.limits is None or gains.refusal):
         text = gains_text(gains, Ts)

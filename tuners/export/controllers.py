@@ -10,7 +10,8 @@ from typing import Any
 
 from tuners.export.digital_pi import DigitalPI
 from tuners.export.documents import json_text, pid_text, state_feedback_text
-from tuners.export.gains import Gains, Limits
+from tuners.export.gains import Gains
+from tuners.export.loops_program import Loop, program_of
 from tuners.export.pi_program import pi_program
 from tuners.export.pid_program import pid_program, state_feedback_program
 from tuners.export.scripts import (
@@ -43,7 +44,7 @@ class Form:
         ``block(controller, real=real)``: a function block in structured text.
     """
 
-    make: Callable[[Gains, float | None, Limits | None], Any]
+    make: Callable[[Gains, float | None, Any], Any]
     program: Callable[..., dict[str, str]]
     document: Callable[[Any, Gains], str]
     script: Callable[[Any], str]
@@ -57,7 +58,12 @@ class Form:
 
 
 def form_of(gains: Gains) -> Form:
-    """How the controller of gains is written; ``ValueError`` where none is."""
+    """How the controller of gains, or those of several loops, is written.
+
+    ``ValueError`` where none is.
+    """
+    if gains.channels is not None:
+        return _LOOPS
     if gains.refusal:
         raise ValueError(gains.refusal)
     return FORMS[gains.controller]
@@ -67,6 +73,21 @@ def _pi_text(pi: DigitalPI, gains: Gains) -> str:
     return json_text(pi)
 
 
+def _loops(gains: Gains, Ts: float | None, limits: Any) -> list[Loop]:
+    return Loop.all_of(gains, limits, Ts)
+
+
+def _no_text(loops: list[Loop], gains: Gains) -> str:
+    raise ValueError(gains.refusal)
+
+
+def _no_script(loops: list[Loop], real: str = "double") -> str:
+    raise ValueError(
+        "targets matlab and st are for one controller. Export several loops to target c."
+    )
+
+
+_LOOPS = Form(_loops, program_of, _no_text, _no_script, _no_script)
 _PI = Form(Gains.pi, pi_program, _pi_text, pi_script, pi_block)
 _PID = Form(Gains.pid, pid_program, pid_text, matlab_script, pid_block)
 

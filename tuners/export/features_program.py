@@ -7,6 +7,8 @@ equations, whose solution are the features or gives a frequency response, or tho
 principal components.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tuners.export.first_stage import OnLaguerre, first_stage
@@ -21,7 +23,8 @@ def features_program(
     stage: OnLaguerre,
     Ts: float,
     *,
-    signals: tuple[str, str] = ("u", "y"),
+    inputs: Sequence[str] = ("u",),
+    outputs: Sequence[str] = ("y",),
     name: str = "yawrate_laguerre",
 ) -> dict[str, str]:
     """Header, source and test program, by file name.
@@ -32,26 +35,27 @@ def features_program(
         A tuner's first stage.
     Ts : float
         Sampling time of the episodes [s].
-    signals : tuple of str
-        Names of input and output.
+    inputs, outputs : sequence of str
+        Their names, with units.
     name : str
         Prefix of the files and of all that they declare.
     """
     validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
     written = first_stage(stage)
     pole = float(np.exp(-stage.pole * Ts))
-    test = GoldenSignals.of(stage.pole, Ts)
+    test = GoldenSignals.of(stage.pole, Ts, inputs=len(inputs), outputs=len(outputs))
     golden = stage(*test(), Ts)[0][0]
     values = {
         "stage": stage,
         "Ts": Ts,
-        "signals": signals,
+        "inputs": inputs,
+        "outputs": outputs,
         "pole": pole,
         "gain": np.sqrt(1 - pole * pole),
         "golden": golden,
         "golden_signals": test,
         "tolerance": _TOLERANCE * np.abs(golden).max(),
-        **sizes(stage),
+        **sizes(stage, len(inputs), len(outputs)),
         "solve": written.solve,
         "description": written.description,
         **written.constants(stage, Ts),
@@ -59,12 +63,13 @@ def features_program(
     return program("features", name, values)
 
 
-def sizes(stage: OnLaguerre) -> dict[str, int]:
+def sizes(stage: OnLaguerre, inputs: int, outputs: int) -> dict[str, int]:
     """Samples that a recording must have, and bytes of state, constants and (roughly) stack."""
-    solved, constants, least = first_stage(stage).counts(stage)
+    n = stage.order * inputs
+    solved, constants, least = first_stage(stage).counts(stage, n)
     return {
         "least_samples": least,
-        "state_size": 8 * (stage.order + 1) ** 2 + 8,
+        "state_size": 8 * (1 + inputs + n + n * n + outputs * n),
         "constant_size": 8 * (4 + constants),
         "stack_size": 8 * solved * (solved + 4),
     }

@@ -52,10 +52,12 @@ class FirstStage:
     description : str
         Of the features.
     counts : callable
-        ``counts(stage)``: numbers of equations that are solved, of constants of the template, and
-        of samples that a recording must have.
+        ``counts(stage, n)``: numbers of equations that are solved, of constants of the template,
+        and of samples that a recording must have, for n functions of all inputs.
     constants : callable
         ``constants(stage, Ts)``: what the template knows beside the stage.
+    several : bool
+        Whether it is written for several inputs and outputs, too.
     graph : callable
         ``graph(graph, stage, output, phi, Ts)``: name of the features (episodes, n) in a graph;
         `output` names (episodes, N) outputs, and phi (order, N) are the filtered inputs.
@@ -63,9 +65,10 @@ class FirstStage:
 
     solve: str
     description: str
-    counts: Callable[[Any], tuple[int, int, int]]
+    counts: Callable[[Any, int], tuple[int, int, int]]
     constants: Callable[[Any, float], dict[str, Any]]
     graph: Callable[[Graph, Any, str, Array, float], str]
+    several: bool = False
 
 
 def can_be_written(stage: Features) -> TypeGuard[OnLaguerre]:
@@ -82,8 +85,8 @@ def _nothing(stage: OnLaguerre, Ts: float) -> dict[str, Any]:
     return {}
 
 
-def _of_coefficients(stage: Laguerre) -> tuple[int, int, int]:
-    return stage.order, 0, 10 * stage.order
+def _of_coefficients(stage: Laguerre, n: int) -> tuple[int, int, int]:
+    return n, 0, 10 * n
 
 
 def _coefficients(graph: Graph, stage: OnLaguerre, output: str, phi: Array, Ts: float) -> str:
@@ -92,8 +95,8 @@ def _coefficients(graph: Graph, stage: OnLaguerre, output: str, phi: Array, Ts: 
     return graph.apply("MatMul", output, graph.constant(solution.T))
 
 
-def _of_components(stage: Regularised) -> tuple[int, int, int]:
-    return stage.width, 1 + stage.order * (1 + stage.width), 2 * stage.order
+def _of_components(stage: Regularised, n: int) -> tuple[int, int, int]:
+    return stage.width, 1 + n * (1 + stage.width), 2 * n
 
 
 def _components(graph: Graph, stage: Regularised, output: str, phi: Array, Ts: float) -> str:
@@ -102,8 +105,8 @@ def _components(graph: Graph, stage: Regularised, output: str, phi: Array, Ts: f
     return graph.apply("Sub", components, graph.constant(offset))
 
 
-def _of_response(stage: FrequencyResponse) -> tuple[int, int, int]:
-    return stage.order, 1 + stage.order * stage.width, 10 * stage.order
+def _of_response(stage: FrequencyResponse, n: int) -> tuple[int, int, int]:
+    return n, 1 + n * stage.width, 10 * n
 
 
 def _functions(stage: FrequencyResponse, Ts: float) -> dict[str, Any]:
@@ -147,7 +150,7 @@ def _angle(graph: Graph, re: str, im: str) -> str:
 
 FIRST_STAGES = {
     "laguerre": FirstStage(
-        "coefficients.c", "Coefficients", _of_coefficients, _nothing, _coefficients
+        "coefficients.c", "Coefficients", _of_coefficients, _nothing, _coefficients, several=True
     ),
     "regularised": FirstStage(
         "components.c", "Principal components of coefficients", _of_components, _nothing,

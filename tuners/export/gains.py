@@ -19,6 +19,7 @@ from yawrate_env import validation
 from yawrate_env.loop.controllers import CONTROLLERS
 from yawrate_env.loop.state_feedback import STATE_FEEDBACK
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.channels import Names, loops_of
 from yawrate_env.plant.pi_loop import GAINS
 from yawrate_env.plant.plant import Plant
 
@@ -36,7 +37,9 @@ class Gains:
     Ts : float, optional
         The controller's sampling time [s].
     signals : tuple of str
-        Names of the plant's input and output.
+        Names of the plant's input and output, of several the first.
+    channels : tuple of tuple of str, optional
+        Names of all inputs and outputs, where there are several.
     limits : tuple of float, optional
         Least and largest command, where they are known.
     target : Target, optional
@@ -54,6 +57,7 @@ class Gains:
     target: Target | None = None
     trusted: bool | None = None
     controller: str = ""
+    channels: tuple[Names, Names] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.values, Mapping) or not self.values:
@@ -107,8 +111,14 @@ class Gains:
         input_, output = plant["signals"]
         limits = plant.get("command_limits")
         known = None if limits is None else _pair(limits, input_)
-        controller = plant.get("controller", "")
-        return cls(values, Ts, (input_, output), known, target, trusted, controller)
+        controller, several = plant.get("controller", ""), plant.get("channels")
+        channels = None if several is None else (tuple(several[0]), tuple(several[1]))
+        return cls(values, Ts, (input_, output), known, target, trusted, controller, channels)
+
+    @property
+    def loops(self) -> dict[str, tuple[str, str]]:
+        """Several PI loops by name, to their input and output; empty where there is one loop."""
+        return {} if self.channels is None else loops_of(list(self.values), *self.channels)
 
     @property
     def refusal(self) -> str:
@@ -190,8 +200,11 @@ class Gains:
 def plant_settings(plant: Plant) -> dict[str, Any]:
     """What a controller must know of its plant, as plain JSON values."""
     target, known = plant.parametrisation.target, controller_of(plant)
+    inputs, outputs = plant.inputs_named, plant.outputs_named
+    several = {"channels": [list(inputs), list(outputs)]} if plant.rows > 2 else {}
     return {
-        "signals": list(plant.signals),
+        "signals": [inputs[0], outputs[0]],
+        **several,
         "Ts": plant.Ts,
         "target": None if target is None else asdict(target),
         "command_limits": plant.command_limits and list(plant.command_limits),

@@ -6,22 +6,18 @@ gain is negative is a controller of the opposite error: its limits and its recov
 those of any other.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from tuners.export.digital_pi import DigitalPI
+from tuners.export.gains import Gains
 from tuners.export.pi_program import TOLERANCES, golden_errors, pi_program
 from tuners.export.programs import program
-from tuners.tuner.result import Result
-from yawrate_env.plant.names import split
-from yawrate_env.plant.plant import Plant
 
 NAME = "yawrate_loops"
-
-_GAINS = "kp", "Ti"
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,44 +41,44 @@ class Loop:
     @classmethod
     def all_of(
         cls,
-        plant: Plant,
-        gains: Mapping[str, float],
+        gains: Gains,
         limits: Sequence[tuple[float, float]] | None,
         Ts: float | None = None,
     ) -> list[Self]:
-        """The loops of a plant, in the order of its channels; ``ValueError`` where it has none.
+        """The loops of gains, in the order of their channels; ``ValueError`` where there are none.
 
         Parameters
         ----------
         limits : sequence of (low, high)
             Of each input, in its unit.
         """
-        inputs, outputs = plant.inputs_named, plant.outputs_named
-        names = [name.removeprefix("kp_") for name in gains if name.startswith("kp_")]
-        wanted = [f"{of}_{name}" for name in names for of in _GAINS]
-        if list(gains) != wanted or not len(names) == len(inputs) == len(outputs):
+        inputs, _ = gains.channels or ((), ())
+        if not gains.loops:
             raise ValueError(
-                f"gains {', '.join(gains)} are not those of {len(inputs)} PI loops, from each "
-                "output to the input of the same number: kp_one, Ti_one, kp_two and so on. "
+                f"gains {', '.join(gains.values)} are not those of {len(inputs)} PI loops, from "
+                "each output to the input of the same number: kp_one, Ti_one, kp_two and so on. "
                 "Export them to target json."
             )
         if limits is None or np.shape(limits) != (len(inputs), 2):
             raise ValueError(
                 f"limits of {', '.join(inputs)} are missing: give limits=((low, high), ...), a "
-                "pair for each input."
+                "pair for each input (--limits LOW HIGH once for each)."
             )
-        loops = []
-        for name, pair, *signals in zip(names, limits, inputs, outputs, strict=True):
-            kp, Ti = gains[f"kp_{name}"], gains[f"Ti_{name}"]
+        sampling = gains.Ts if Ts is None else Ts
+        if sampling is None:
+            raise ValueError("Ts of the controllers is missing: give it in seconds, Ts= (--Ts).")
+        loops, values = [], np.reshape(list(gains.values.values()), (-1, 2)).tolist()
+        for (name, signals), (kp, Ti), pair in zip(
+            gains.loops.items(), values, limits, strict=True
+        ):
             low, high = map(float, pair)
-            sampling = plant.Ts if Ts is None else Ts
-            pi = DigitalPI(abs(kp), Ti, sampling, low, high, (signals[0], signals[1]))
-            loops.append(cls(split(name)[0], pi, -1 if kp < 0 else 1))
+            pi = DigitalPI(abs(kp), Ti, sampling, low, high, signals)
+            loops.append(cls(name, pi, -1 if kp < 0 else 1))
         return loops
 
 
 def loops_program(
-    result: Result,
+    gains: Gains,
     limits: Sequence[tuple[float, float]] | None,
     Ts: float | None = None,
     real: str = "double",
@@ -91,16 +87,20 @@ def loops_program(
 
     Parameters
     ----------
-    result : Result
-        Of a plant with a PI for each channel.
-    limits : sequence of (float, float), optional
-        Lowest and highest command of each loop; the plant's if omitted.
+    gains : Gains
+        Of a PI for each channel.
+    limits : sequence of (float, float)
+        Lowest and highest command of each loop.
     Ts : float, optional
         Sampling time of the controllers [s]; the plant's if omitted.
     real : {"double", "float"}
         Type of the programs' numbers.
     """
-    loops = Loop.all_of(result.plant, result.gains, limits, Ts)
+    return program_of(Loop.all_of(gains, limits, Ts), real=real)
+
+
+def program_of(loops: Sequence[Loop], *, real: str = "double") -> dict[str, str]:
+    """The same of loops."""
     files: dict[str, str] = {}
     for loop in loops:
         files |= pi_program(loop.pi, real=real, name=f"yawrate_{loop.name}")

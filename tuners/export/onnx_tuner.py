@@ -4,7 +4,8 @@
 tensor         shape                     meaning
 =============  ========================  ==============================================
 the output     (episodes, N)             input, called as the plant calls its output,
-                                         without the unit: ``yaw_rate``, ``y``
+                                         without the unit: ``yaw_rate``, ``y``; of several
+                                         each
 features       (episodes, n)             input instead of it, if asked for: the first
                                          stage's features of a recording
 measured       (episodes,) each          further inputs, by name and in their own unit:
@@ -56,11 +57,11 @@ def onnx_model(tuner: Any, *, features: bool = False) -> Any:
     plant, inputs = parts.plant, {}
     if features:
         X = "features"
-        inputs[X] = ["episodes", parts.features.width]
+        inputs[X] = ["episodes", parts.recorded]
     else:
-        output = plain_name(plant.signals[1])
-        inputs[output] = ["episodes", len(plant.u)]
-        X = _first_stage(graph, output, parts)
+        recorded = [plain_name(signal) for signal in plant.outputs_named]
+        inputs |= {output: ["episodes", plant.samples] for output in recorded}
+        X = graph.joined(*(_first_stage(graph, output, parts) for output in recorded))
     inputs |= {name: ["episodes"] for name in plant.measured_names}
     X = graph.joined(X, *(_measured(graph, plant, name) for name in plant.measured_names))
     _decode(graph, second_stage(parts.learner).graph(graph, parts.learner, X), X, parts)
@@ -77,14 +78,15 @@ def plain_name(signal: str) -> str:
 
 
 def _first_stage(graph: Graph, output: str, parts: Parts) -> str:
-    """Features of outputs of the experiment; (episodes, n)."""
+    """Features of one output of the experiment; (episodes, n)."""
     plant, stage = parts.plant, parts.features
     if plant.excite is not None:
         raise ValueError(
             "every episode has an input of its own, and the first stage is no constant matrix. "
             "Export with features=True (--features), and the first stage to target c."
         )
-    phi = Laguerre(stage.order, stage.pole).regressors(plant.u[None], plant.Ts)[0]
+    rows = Laguerre(stage.order, stage.pole).regressors(np.atleast_2d(plant.u), plant.Ts)
+    phi = rows.reshape(-1, plant.samples)
     return first_stage(stage).graph(graph, stage, output, phi, plant.Ts)
 
 
@@ -121,9 +123,10 @@ def _decode(graph: Graph, values: str, X: str, parts: Parts) -> None:
         columns = _controller(graph, columns[0], phase, target)
     else:
         columns = [_gain(graph, *each) for each in zip(columns, parts.columns, strict=True)]
-    for gain, signed in zip(columns, parts.signed, strict=True):
-        least = into(-np.inf) if signed else zero
-        for bound in (graph.apply("Greater", gain, least), graph.apply("Less", gain, into(np.inf))):
+    for gain, sign in zip(columns, parts.signs, strict=True):
+        least = zero if sign > 0 else into(-np.inf)
+        most = zero if sign < 0 else into(np.inf)
+        for bound in (graph.apply("Greater", gain, least), graph.apply("Less", gain, most)):
             found = graph.apply("And", found, bound)
     for name, gain in zip(names, columns, strict=True):
         graph.apply("Where", found, gain, into(np.nan), output=name)
@@ -137,7 +140,7 @@ def _gain(graph: Graph, value: str, column: tuple[str, float]) -> str:
         return value
     grown = graph.apply("Exp", value)
     if kind == "log":
-        return grown
+        return grown if scale == 1 else graph.apply("Mul", grown, graph.constant(scale))
     half = graph.apply("Sub", grown, graph.apply("Reciprocal", grown))
     return graph.apply("Mul", half, graph.constant(scale / 2))
 

@@ -9,12 +9,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.export.first_stage import OnLaguerre, can_be_written
+from tuners.export.first_stage import OnLaguerre, can_be_written, first_stage
 from tuners.learners import Learner
 from tuners.tuner.stages import Stages, coordinates_of
 from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.design import Status, design_from_response
-from yawrate_env.plant.parametrisation import Parametrisation
+from yawrate_env.plant.parametrisation import Parametrisation, sign_of
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -68,7 +68,6 @@ class Parts:
                 f"{_EXPORTED}"
             )
         plant = tuner.plant
-        plant.check_single("exports of tuners take", "Export the gains of a result.")
         chosen = coordinates_of(plant, stages.parametrisation)
         parts = cls(plant, stage, stages.learner, chosen)
         parts._check()
@@ -77,7 +76,13 @@ class Parts:
     @property
     def width(self) -> int:
         """How many features the learner takes: the recording's and the measured parameters."""
-        return self.features.width + len(self.plant.measured_names)
+        return self.recorded + len(self.plant.measured_names)
+
+    @property
+    def recorded(self) -> int:
+        """How many features a recording gives: of several channels, as many for every pair."""
+        plant = self.plant
+        return self.features.width * len(plant.inputs_named) * len(plant.outputs_named)
 
     def answer(self, features: Array, theta: Array) -> tuple[Array, NDArray[np.int64]]:
         """Gains (B, k) for features (B, n), and a `Status` each: what every export must give.
@@ -105,12 +110,16 @@ class Parts:
         return columns * len(self.plant.gains) if len(columns) == 1 else columns
 
     @property
-    def signed(self) -> tuple[bool, ...]:
-        """Which gains may be zero or negative."""
-        none = (False,) * len(self.plant.gains)
-        return tuple(kind in ("linear", "signed") for kind, _ in self.columns) or none
+    def signs(self) -> tuple[int, ...]:
+        """Signs of the gains; 0 of those that may have either, or be zero."""
+        return tuple(sign_of(*each) for each in self.columns) or (1,) * len(self.plant.gains)
 
     def _check(self) -> None:
+        if self.plant.rows > 2 and not first_stage(self.features).several:
+            raise ValueError(
+                f"features = {type(self.features).__name__} are exported of one input and one "
+                "output, and of several where they are Laguerre coefficients. Train with those."
+            )
         chosen = self.parametrisation
         if chosen.target is None and not chosen.columns:
             raise ValueError(
@@ -121,6 +130,6 @@ class Parts:
         if (trained := self.learner.width) != self.width:
             raise ValueError(
                 f"the learner has {trained} features, but the recording gives "
-                f"{self.features.width} and the measured parameters "
+                f"{self.recorded} and the measured parameters "
                 f"{len(self.plant.measured_names)}. Train it again for this plant."
             )

@@ -40,13 +40,15 @@ def tuner_program(
     """
     parts = Parts.of(tuner)
     plant, learner = parts.plant, second_stage(parts.learner).program(parts.learner)
-    size, network = sizes(parts.features), learner["network"]
+    channels = plant.inputs_named, plant.outputs_named
+    size, network = sizes(parts.features, *map(len, channels)), learner["network"]
     own = 3 * parts.width + len(network.b1)
     learned = sum(np.size(array) for array in parts.learner.arrays().values())
     values = {
         "first": first,
         "gains": plant.gains,
-        "signals": plant.signals,
+        "inputs": plant.inputs_named,
+        "outputs": plant.outputs_named,
         "Ts": plant.Ts,
         "width": parts.width,
         "measured": plant.measured_names,
@@ -58,7 +60,7 @@ def tuner_program(
         "stack_size": size["stack_size"] + 8 * own,
         **learner,
         **_decoding(parts),
-        "signed": [int(each) for each in parts.signed],
+        "signs": parts.signs,
     }
     return {**first_stage_program(tuner, name=first), **program("tuner", name, values)}
 
@@ -75,7 +77,8 @@ def first_stage_program(tuner: Any, *, name: str = "yawrate_laguerre") -> dict[s
     """
     parts = Parts.of(tuner)
     plant = parts.plant
-    return features_program(parts.features, plant.Ts, signals=plant.signals, name=name)
+    inputs, outputs = plant.inputs_named, plant.outputs_named
+    return features_program(parts.features, plant.Ts, inputs=inputs, outputs=outputs, name=name)
 
 
 def _decoding(parts: Parts) -> dict[str, Any]:
@@ -92,11 +95,12 @@ def _decoding(parts: Parts) -> dict[str, Any]:
 
 
 def _golden_signals(parts: Parts) -> GoldenSignals:
-    """A recording in which the lag's output is of the size of the plants'."""
+    """A recording in which the lags' outputs are of the size of the plants'."""
     plant = parts.plant
     outputs = plant.respond(sample(plant, 1))
     size = float(np.linalg.norm(outputs[0]) / np.linalg.norm(plant.u))
-    return GoldenSignals.of(parts.features.pole, plant.Ts, size)
+    counts = {"inputs": len(plant.inputs_named), "outputs": len(plant.outputs_named)}
+    return GoldenSignals.of(parts.features.pole, plant.Ts, size, **counts)
 
 
 def _golden(parts: Parts) -> dict[str, Any]:

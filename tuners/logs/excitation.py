@@ -32,8 +32,8 @@ class Excitation:
     ----------
     duration : float
         [s].
-    amplitude : float
-        Half the peak-to-peak input.
+    amplitudes : tuple of float
+        Half the peak-to-peak value of each input.
     band : tuple of float or None
         Frequencies looked at [Hz]; None where the plant has no crossover.
     rms : float
@@ -45,11 +45,16 @@ class Excitation:
     """
 
     duration: float
-    amplitude: float
+    amplitudes: tuple[float, ...]
     band: Band | None
     rms: float
     changes: int
     notes: tuple[str, ...]
+
+    @property
+    def amplitude(self) -> float:
+        """Half the peak-to-peak value of the first input."""
+        return self.amplitudes[0]
 
 
 def band_of(plant: Plant) -> Band | None:
@@ -77,7 +82,8 @@ def rms_in_band(x: Array, Ts: float, band: Band | None) -> float:
 def check(plant: Plant, u: Array, y: Array, measured: Mapping[str, Array], Ts: float) -> Excitation:
     """Measure the excitation; `LogError` where nothing can be learned.
 
-    Of several inputs (m, N) each must move, and the first is described.
+    Of several inputs (m, N) each must move, and band, power and
+    changes are the first's.
     """
     _check_length(plant, u.shape[-1] * Ts)
     planned, rows = np.atleast_2d(plant.u), np.atleast_2d(u)
@@ -93,7 +99,7 @@ def check(plant: Plant, u: Array, y: Array, measured: Mapping[str, Array], Ts: f
     notes = [note for each in found for note in each.notes]
     if plant.remarks is not None:
         notes += plant.remarks(u, y, measured)
-    return replace(found[0], notes=tuple(notes))
+    return replace(found[0], amplitudes=tuple(each.amplitude for each in found), notes=tuple(notes))
 
 
 def _described(plant: Plant, signal: str, u: Array, planned: Array, Ts: float) -> Excitation:
@@ -113,7 +119,7 @@ def _described(plant: Plant, signal: str, u: Array, planned: Array, Ts: float) -
         notes.append(f"Weak excitation: {found}{within}.")
     if changes < min(_FEW, _changes(planned)):
         notes.append(f"Little excitation: {name} crosses its middle {_times(changes)}.")
-    return Excitation(len(u) * Ts, float(amplitude), band, rms, changes, tuple(notes))
+    return Excitation(len(u) * Ts, (float(amplitude),), band, rms, changes, tuple(notes))
 
 
 def _check_length(plant: Plant, duration: float) -> None:

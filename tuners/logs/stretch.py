@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.logs.columns import channels
 from tuners.logs.excitation import band_of, in_band, windowed
 from tuners.logs.options import Options
 from tuners.logs.table import Array, SelectionError
@@ -30,8 +31,8 @@ class Whole:
     ----------
     time : NDArray
         (M,) [s].
-    input : NDArray
-        (M, 2) least and largest between two of these times.
+    inputs : NDArray
+        (m, M, 2) least and largest of each input between two of these times.
     measured : dict
         Measured parameters (M,).
     used : tuple of float
@@ -39,7 +40,7 @@ class Whole:
     """
 
     time: Array
-    input: Array
+    inputs: Array
     measured: dict[str, Array]
     used: tuple[float, float]
 
@@ -56,13 +57,13 @@ class Stretch:
 def choose(base: TimeBase, signals: Mapping[str, Array], plant: Plant, options: Options) -> Stretch:
     """The user's stretch or the best; a plant that starts at rest is used from its start."""
     measured = {name: signals[name] for name in plant.measured if name in signals}
-    u = signals["input"]
+    u = np.stack([signals[key] for key in channels(plant, "input")])
     if options.start is not None or options.stop is not None:
         part = between(base.grid, options.start, options.stop)
         return Stretch(part, (), _whole(base, u, measured, part))
     everything = slice(0, len(base.grid))
     samples = round(LONGEST * plant.samples * plant.Ts / base.Ts)
-    if not anytime(plant) or len(u) <= samples or plant.channels is not None:
+    if not anytime(plant) or u.shape[1] <= samples:
         return Stretch(everything)
     power, steady, within = _judged(u, measured, base.Ts, plant, samples)
     part = best(power, steady, within, samples)
@@ -110,11 +111,15 @@ def between(t: Array, start: float | None, stop: float | None) -> slice:
 def _judged(
     u: Array, measured: Mapping[str, Array], Ts: float, plant: Plant, samples: int
 ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Power of every stretch, and whether measured parameters are steady and in the prior."""
-    moving, band = u - u.mean(), band_of(plant)
-    if band is not None:
-        moving = in_band(moving, Ts, band)
-    power = _variance(moving, samples)
+    """Power of every stretch, and whether measured parameters are steady and in the prior.
+
+    Of several inputs (m, N) that counts which has the least, over the experiment's.
+    """
+    planned = np.ptp(np.atleast_2d(plant.u), axis=1)
+    power = np.min(
+        [_power(row, Ts, plant, samples) / size**2 for row, size in zip(u, planned, strict=True)],
+        axis=0,
+    )
     steady, within = np.ones((2, len(power)), dtype=np.bool_)
     for name, values in measured.items():
         mean, slack = windowed(values, samples), plant.measured[name]
@@ -123,6 +128,12 @@ def _judged(
         steady &= _range(values, samples) < UNSTEADY * np.abs(mean)
         within &= (mean >= low - slack) & (mean <= high + slack)
     return power, steady, within
+
+
+def _power(u: Array, Ts: float, plant: Plant, samples: int) -> Array:
+    """Power of every stretch of an input (N,), around the crossover where the plant has one."""
+    moving, band = u - u.mean(), band_of(plant)
+    return _variance(moving if band is None else in_band(moving, Ts, band), samples)
 
 
 def _several(plant: Plant, name: str, means: Array) -> str:
@@ -141,9 +152,10 @@ def _called(plant: Plant, name: str) -> str:
 
 
 def _whole(base: TimeBase, u: Array, measured: Mapping[str, Array], part: slice) -> Whole:
-    count = min(_POINTS, len(u))
-    starts = np.linspace(0, len(u), count, endpoint=False).astype(np.intp)
-    ends = np.stack([np.minimum.reduceat(u, starts), np.maximum.reduceat(u, starts)], axis=1)
+    count = min(_POINTS, u.shape[1])
+    starts = np.linspace(0, u.shape[1], count, endpoint=False).astype(np.intp)
+    least, largest = (end.reduceat(u, starts, axis=1) for end in (np.minimum, np.maximum))
+    ends = np.stack([least, largest], axis=2)
     thin = {name: values[starts] for name, values in measured.items()}
     first, last = base.grid[[part.start, part.stop - 1]]
     return Whole(base.grid[starts], ends, thin, (float(first), float(last)))

@@ -35,6 +35,7 @@ _MOVED = 3.0  # standard deviations between recordings
 _TIMES = 1.5  # of the noise's energy, which no window of a known car shows
 _MARGIN, _CROSSOVER = 0.3 * PHASE_SCALE, 0.6 * CROSSOVER_SCALE  # 3 deg and 0.15 Hz
 _DRAWS = 200
+_CERTAIN = 0.95  # of them: a share that counts as certain
 _TUNING = 40  # windows from which the noise is estimated, at most
 
 
@@ -252,7 +253,7 @@ def _margins(
     off = np.abs(metrics - wanted) > [_MARGIN, _CROSSOVER]
     missed = ~found.stable | off.any(axis=1) | ~np.isfinite(metrics).all(axis=1)
     spread = np.nanstd(metrics, axis=0)
-    return metrics[0], spread, bool(missed[1:].mean() > 0.95)
+    return metrics[0], spread, bool(missed[1:].mean() > _CERTAIN)
 
 
 def _jumped(before: Belief, after: Belief) -> bool:

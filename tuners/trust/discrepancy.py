@@ -90,13 +90,14 @@ class Discrepancy:
         own = slopes @ seen.swapaxes(1, 2)
         shifts.append(2 * (inverse @ (seen @ error[..., None]))[..., 0])
         chance.append(4 * quiet * inverse @ (own - own @ inverse @ own) @ inverse)
-        if curves is not None:
-            apart, by = fitted(_without(curves))
+        if curves is not None:  # what else is wrong with a recording may look like one
+            part = _without(curves)
+            seen, (apart, by) = part(slopes), fitted(part)
+            own = _solved(slopes @ seen.swapaxes(1, 2) + ridge)
+            left = part(error[:, None])[:, 0] - (apart[:, None] @ seen)[:, 0]
             shifts.append(apart)
-            chance.append(by)
-        errors, parts = (np.split(each, outputs, axis=-1) for each in (error, slopes))
-        coloured = [_coloured(e, s, noise) for e, s in zip(errors, parts, strict=True)]
-        more = inverse @ np.sum(coloured, axis=0) @ inverse
+            chance.append(by + own @ _coloured(left, seen, noise, outputs) @ own)
+        more = inverse @ _coloured(error, slopes, noise, outputs) @ inverse
         return cls(white + more, np.stack(shifts, axis=1), np.stack(chance, axis=1))
 
     def spread(self, J: Array) -> Array:
@@ -151,8 +152,14 @@ def _solved(matrix: Array) -> Array:
     return np.asarray(np.linalg.pinv(np.where(regular, matrix, 0.0), rcond=1e-14, hermitian=True))
 
 
-def _coloured(error: Array, slopes: Array, noise: Array) -> Array:
+def _coloured(error: Array, slopes: Array, noise: Array, outputs: int) -> Array:
     """Covariance (B, q, q) of products of slopes and noise, beyond that of white noise."""
+    errors, parts = (np.split(each, outputs, axis=-1) for each in (error, slopes))
+    found = [_coloured_output(e, s, noise) for e, s in zip(errors, parts, strict=True)]
+    return np.asarray(np.sum(found, axis=0))
+
+
+def _coloured_output(error: Array, slopes: Array, noise: Array) -> Array:
     (N, q), length = slopes.shape[:0:-1], fast_length(error.shape[1])
     power = np.abs(np.fft.rfft(error, length)) ** 2 / N
     X = np.fft.rfft(slopes, length) * np.sqrt(2 / length)

@@ -20,6 +20,7 @@ from tuners.trust.identification import covariance_of, output_slopes
 from tuners.trust.intervals import GAUSSIAN
 from tuners.trust.response import Response
 from yawrate_env.loop.target import Target
+from yawrate_env.plant.channels import by_channel
 from yawrate_env.plant.episodes import sample
 from yawrate_env.plant.noise import snr as noise_of
 from yawrate_env.plant.plant import Plant
@@ -68,17 +69,19 @@ class Forecast:
 
     @cached_property
     def clean(self) -> Array:
-        """(B, N) noise-free outputs of today's experiment."""
-        return self.plant.respond(self.theta, self.input(1.0, len(self.plant.u)))
+        """(B, N) noise-free outputs of today's experiment, stacked."""
+        return self.plant.answers(self.theta, self.input(1.0, self.plant.samples))
 
     def input(self, amplitude: float, samples: int) -> Array:
         """Input (samples,): the experiment's times a factor, and again until it is long enough.
 
-        Where every episode has an input of its own, others follow the first.
+        Where every episode has an input of its own, others follow the first.  Of several inputs
+        (m, samples), each goes on so, and they stay as independent as the experiment's are.
         """
-        count = -(-samples // len(self.plant.u))
+        plant, count = self.plant, -(-samples // self.plant.samples)
         integers = np.random.default_rng(self.seed).integers(0, 2**64, count, np.uint64)
-        return np.asarray(amplitude * np.resize(self.plant.inputs(integers), samples))
+        rows = [np.resize(row, samples) for row in by_channel(plant.inputs(integers))]
+        return np.asarray(amplitude * np.stack(rows).reshape(*plant.u.shape[:-1], samples))
 
     def half_widths(self, amplitude: float, samples: int) -> Array:
         """Half widths (B,) for an `input`; ``inf`` where the recording gives no gains."""
@@ -99,10 +102,11 @@ class Forecast:
 
     def _claimed(self, u: Array, rows: slice, target: Target) -> Array:
         """Standard deviations that the black box claims of noisy recordings."""
-        clean = self.plant.respond(self.theta[rows], u)
+        plant, clean = self.plant, self.plant.answers(self.theta[rows], u)
         keys = stream(_SEED, 0, len(self.theta), KEY_WORDS)[rows]
-        y = clean + self.sigma[rows, None] * standard_normal(keys, len(u))
-        response = Response.of(black_box(self.plant, self._functions, u[None], y, "auto"), target)
+        y = clean + self.sigma[rows, None] * standard_normal(keys, clean.shape[1])
+        model = black_box(plant, self._functions, u[None], plant.unstacked(y), "auto")
+        response = Response.of(model, target)
         with np.errstate(all="ignore"):
             return np.asarray(response.spread(response.gains)[:, 0])
 
@@ -122,7 +126,7 @@ def forecast(
     Parameters
     ----------
     noise : float, optional
-        Standard deviation of the sensor's noise, in the unit of the output.
+        Standard deviation of the sensor's noise, in the unit of the output, of a plant with one.
     snr : float, optional
         Signal-to-noise ratio of today's experiment [dB], instead.  Without both the noise is
         the plant's own at today's experiment.
@@ -136,6 +140,11 @@ def forecast(
         )
     clean = Forecast(plant, theta, np.zeros(len(theta)), seed).clean
     if noise is not None:
+        if len(plant.outputs_named) > 1:
+            raise ValueError(
+                f"noise = {noise:g} is one output's, and this plant has "
+                f"{len(plant.outputs_named)}. Describe it in the plant, or give snr."
+            )
         sigma = np.full(len(theta), noise)
     elif snr is not None:
         sigma = noise_of(snr)(clean)

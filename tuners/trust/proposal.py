@@ -91,7 +91,7 @@ def room(found: Forecast, shortest: float, longest: int) -> Room:
     longest : int
         Samples of the longest.
     """
-    plant, u, clean = found.plant, found.input(1.0, len(found.plant.u)), found.clean
+    plant, u, clean = found.plant, found.input(1.0, found.plant.samples), found.clean
     input, output = plant.plausible
     largest = [_STRONGEST, input / np.abs(u).max(), output / np.abs(clean).max()]
     if plant.command_limits is not None:
@@ -101,7 +101,7 @@ def room(found: Forecast, shortest: float, longest: int) -> Room:
     with np.errstate(divide="ignore", invalid="ignore"):
         weakest = np.quantile(found.sigma / clean.std(axis=1), MOST) / Limits().noise
     weakest = min(float(np.nan_to_num(weakest, nan=1.0, posinf=1.0)), 1.0)
-    today = len(plant.u)
+    today = plant.samples
     least = min(max(int(np.ceil(shortest * today)), found.needed), today)
     return Room((weakest, max(float(min(largest)), 1.0)), (least, max(longest, today)))
 
@@ -125,7 +125,7 @@ def propose(found: Forecast, wanted: float, within: Room, way: str = "both") -> 
     way : {"both", "length", "amplitude"}
         What may differ from today's experiment.
     """
-    today, power = len(found.plant.u), 1.0
+    today, power = found.plant.samples, 1.0
     low, high = 0.0, np.inf  # powers that are too little, and enough
     tried: dict[tuple[float, int], Proposal] = {}
     for _ in range(_GUESSES):

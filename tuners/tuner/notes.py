@@ -43,7 +43,7 @@ def notes(
         label = " or ".join(split(plant.label(name))[0] for name in plant.measured)
         found.append(f"The {label} varies by {given.variation:.0%}; its mean counts.")
     outputs = np.atleast_2d(given.y[0])
-    residuals = np.split(fitted.residual[i], len(outputs))
+    residuals = np.atleast_2d(plant.unstacked(fitted.residual[[i]])[0])
     left = _left_open(plant, left_open(fitted)[i] & plant.lasting)
     for signal, y, residual in zip(plant.outputs_named, outputs, residuals, strict=True):
         left = (*left, *_quantised(y, residual, *split(signal)))

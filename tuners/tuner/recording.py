@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from tuners.tuner.spline import spline
 from yawrate_env import validation
 from yawrate_env.plant.names import split
-from yawrate_env.plant.observations import signals
 from yawrate_env.plant.plant import Plant
 from yawrate_env.signals.hold import HOLDS, held_like_lines
 
@@ -124,10 +123,9 @@ class Recording:
         Parameters
         ----------
         obs : (rows, N) or (B, rows, N)
-            Rows as in the environment: input, output, then the measured parameters if they are
+            Rows as in the environment: inputs, outputs, then the measured parameters if they are
             visible, and all others too if the truth is.
         """
-        plant.check_single("environments are for", "Use tune(u, y, Ts).")
         array = validation.real_array("obs", obs)
         if array.dtype != np.float32:  # a batch of the environment's is converted last, in parts
             array = np.asarray(array, dtype=np.float64)
@@ -140,20 +138,20 @@ class Recording:
                 f"obs has shape {np.shape(obs)}, not (rows, N) or (B, rows, N) with {allowed} "
                 "rows, as the plant's environment gives them."
             )
-        if array.shape[2] != len(plant.u):
+        if array.shape[2] != plant.samples:
             raise ValueError(
-                f"obs has {array.shape[2]} samples, this tuner's episodes have {len(plant.u)} of "
+                f"obs has {array.shape[2]} samples, this tuner's episodes have {plant.samples} of "
                 f"{plant.Ts:g} s. Use tune(u, y, Ts), or train a tuner for this experiment."
             )
         if not np.isfinite(array).all():
             validation.finite_array("obs", array, shape=(None, None, None))  # says where
-        _check_size("obs", array[:, :2])
+        _check_size("obs", array[:, : plant.rows])
         known = None
         if names := rows[array.shape[1]]:
             known = np.full((len(array), len(plant.prior)), np.nan)
-            known[:, plant.indices(names)] = array[:, 2:, 0]
+            known[:, plant.indices(names)] = array[:, plant.rows :, 0]
             _check_known(plant, names, known)
-        return cls(*signals(array), plant.Ts, known), single
+        return cls(*plant.recordings_in(array), plant.Ts, known), single
 
     def __len__(self) -> int:
         return len(self.y)
@@ -233,10 +231,10 @@ def variation(plant: Plant, name: str, values: Array) -> tuple[float, str]:
 
 
 def _rows(plant: Plant) -> dict[int, tuple[str, ...]]:
-    """Numbers of rows that observations may have, to the parameters in those after the second."""
+    """Numbers of rows that observations may have, to the parameters after the signals."""
     measured = tuple(name for name in plant.prior if name in plant.measured)
     every = measured + tuple(name for name in plant.prior if name not in plant.measured)
-    return {2 + len(names): names for names in (every, measured, plant.measured_names, ())}
+    return {plant.rows + len(names): names for names in (every, measured, plant.measured_names, ())}
 
 
 def _signal(name: str, value: ArrayLike) -> Array:

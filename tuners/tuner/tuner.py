@@ -101,7 +101,7 @@ class Tuner:
         Parameters
         ----------
         u, y : (N,)
-            Input and measured output, in the plant's units.
+            Input and measured output, in the plant's units; of several channels (m, N), (q, N).
         Ts : float, optional
             Sampling time [s].  Where it is not the plant's, the output follows a cubic spline.
         measured : dict, optional

@@ -16,7 +16,7 @@ from yawrate_env.compiled import LANES, over_blocks
 from yawrate_env.plant.action_bounds import action_bounds, corners
 from yawrate_env.plant.episodes import Draw, integers_of, prior_gains
 from yawrate_env.plant.names import MARGINS, ORACLE, split
-from yawrate_env.plant.observations import complete, signals
+from yawrate_env.plant.observations import complete
 from yawrate_env.plant.parametrisation import scale_to_bounds
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.reward import defined
@@ -49,7 +49,8 @@ class Interface:
         Episodes and rewards are its.
     observation_space : Box
         (2 + m, samples) float32: input, measured output, and the visible parameters, constant
-        in time.  Outputs are clipped to it.
+        in time; of several channels all inputs come first, then all outputs.  Outputs are clipped
+        to it.
     action_space : Box
         (k,) float64, gains.
     visible : tuple of str
@@ -83,8 +84,7 @@ class Interface:
     @classmethod
     def of(cls, plant: Plant) -> Self:
         """The default: measured parameters are visible, gains are those that the prior needs."""
-        plant.check_single("environments are for", "Train a tuner, which needs none.")
-        shape = (2 + len(plant.measured_names), len(plant.u))
+        shape = (plant.rows + len(plant.measured_names), plant.samples)
         return cls(
             plant,
             Box(-_LARGEST, _LARGEST, shape, dtype=np.float32),
@@ -138,16 +138,16 @@ class Interface:
         copy : (B, 2 + m, samples) float32, optional
             Where they are written as well.
         """
-        pins = dict(pins)
+        pins, plant = dict(pins), self.plant
         width = None if WIDTH in self.plant.prior else pins.pop(WIDTH, None)
         draw = Draw.of(self.plant, narrowed(self.plant, integers, width))
         for i, values in zip(self.plant.indices(pins), pins.values(), strict=True):
             draw.theta[:, i] = values
         obs = out if self.decimate == 1 else self._empty(len(out))
-        rest = _Rest(obs, draw.u, self._visible(draw.theta), *self._output_bounds, copy)
-        self.plant.measure(draw.theta, draw.u, draw.keys, rng, obs[:, 1], rest)
+        rest = self._rest(obs, draw.u, draw.theta, copy)
+        plant.measure(draw.theta, draw.u, draw.keys, rng, plant.outputs_in(obs), rest)
         if not rest.within.all():
-            self._check_finite(draw.theta, obs[:, 1])
+            self._check_finite(draw.theta, plant.outputs_in(obs))
             self._clip(obs)
         if obs is not out:
             out[...] = averaged(obs, self.decimate)
@@ -161,15 +161,15 @@ class Interface:
         Parameters
         ----------
         u : (1, N) or (B, N)
-            Inputs.
+            Inputs; of several (…, m, N).
         y : (B, N)
-            Measured outputs.
+            Measured outputs; of several (B, q, N).
         theta : (B, p)
             Parameters, of which only the visible ones are used.
         """
         obs = self._empty(len(y))
-        obs[:, 1] = y
-        rest = _Rest(obs, np.atleast_2d(u), self._visible(theta), *self._output_bounds)
+        self.plant.outputs_in(obs)[:] = y
+        rest = self._rest(obs, u[None] if u.ndim == self.plant.u.ndim else u, theta)
         over_blocks(rest, len(obs), LANES)
         if not rest.within.all():
             self._clip(obs)
@@ -178,7 +178,8 @@ class Interface:
     def recordings(self, obs: ArrayLike) -> tuple[Array, Array, Array]:
         """Inputs (1 or B, N), outputs (B, N) and parameters (B, p) of observations (B, rows, N).
 
-        Parameters that are not visible are those in the middle of the prior.
+        Of several channels inputs are (1 or B, m, N), and outputs (B, q, N).  Parameters that are
+        not visible are those in the middle of the prior.
         """
         array, shape = validation.real_array("obs", obs), self.observation_space.shape
         if array.shape[1:] != shape:
@@ -187,8 +188,8 @@ class Interface:
                 "environment does."
             )
         theta = np.tile(self.plant.middle, (len(array), 1))
-        theta[:, self.plant.indices(self.visible)] = array[:, 2:, 0]
-        return *signals(array), theta
+        theta[:, self.plant.indices(self.visible)] = array[:, self.plant.rows :, 0]
+        return *self.plant.recordings_in(array), theta
 
     def outcome(self, theta: Array, actions: Array) -> tuple[Array, Info]:
         """Rewards (B,) of actions (B, k), and the info with the truth, arrays (B,)."""
@@ -222,22 +223,31 @@ class Interface:
         return {COST: low.astype(np.float64)}
 
     def _empty(self, count: int) -> Observation:
-        return np.empty((count, 2 + len(self.visible), len(self.plant.u)), dtype=np.float32)
+        rows = self.plant.rows + len(self.visible)
+        return np.empty((count, rows, self.plant.samples), dtype=np.float32)
 
-    def _visible(self, theta: Array) -> Array:
-        return theta[:, self.plant.indices(self.visible), None]
+    def _rest(
+        self, obs: Observation, u: Array, theta: Array, copy: Observation | None = None
+    ) -> "_Rest":
+        visible = theta[:, self.plant.indices(self.visible), None]
+        several = u.reshape(len(u), -1, u.shape[-1])
+        return _Rest(obs, several, visible, *self._output_bounds, copy)
 
     def _clip(self, obs: Observation) -> None:
-        np.clip(obs[:, 1], *self._output_bounds, out=obs[:, 1])
+        low, high = (end[:, None] for end in self._output_bounds)
+        outputs = obs[:, self.plant.output_rows]
+        np.clip(outputs, low, high, out=outputs)
 
     @property
-    def _output_bounds(self) -> tuple[np.float32, np.float32]:
-        return self.observation_space.low[1, 0], self.observation_space.high[1, 0]
+    def _output_bounds(self) -> tuple[Observation, Observation]:
+        space, rows = self.observation_space, self.plant.output_rows
+        low, high = (end[rows, 0].astype(np.float32) for end in (space.low, space.high))
+        return low, high
 
     def _check_finite(self, theta: Array, y: Observation) -> None:
         if np.isfinite(y).all():
             return
-        worst = int(np.argmin(np.isfinite(y).all(axis=1)))
+        worst = int(np.argmin(np.isfinite(y).reshape(len(y), -1).all(axis=1)))
         names = zip(self.plant.prior, theta[worst], strict=True)
         raise ValueError(
             f"The output with {', '.join(f'{name} = {value:.4g}' for name, value in names)} is "
@@ -246,7 +256,20 @@ class Interface:
 
 
 class _Rest:
-    """The rows of observations around the output, written while a block is in the cache.
+    """The rows of observations around the outputs, written while a block is in the cache.
+
+    Parameters
+    ----------
+    obs : (B, rows, N) float32
+        Outputs are there already.
+    u : (1, m, N) or (B, m, N) float64
+        Inputs.
+    visible : (B, v, 1) float64
+        The visible parameters.
+    low, high : (q,) float32
+        Bounds of the outputs.
+    copy : (B, rows, samples) float32, optional
+        Where observations are written as well.
 
     Attributes
     ----------
@@ -259,8 +282,8 @@ class _Rest:
         obs: Observation,
         u: Array,
         visible: Array,
-        low: np.float32,
-        high: np.float32,
+        low: Observation,
+        high: Observation,
         copy: Observation | None = None,
     ) -> None:
         self._obs, self._u, self._visible, self._copy = obs, u, visible, copy
@@ -270,7 +293,7 @@ class _Rest:
     def __call__(self, i: int, j: int) -> None:
         """Complete episodes i to j."""
         obs, u = self._obs[i:j], self._u if len(self._u) == 1 else self._u[i:j]
-        obs[:, 2:] = self._visible[i:j]
+        obs[:, u.shape[1] + len(self._bounds[0]) :] = self._visible[i:j]
         complete(obs, u, *self._bounds, self.within[i:j])
         if self._copy is not None and self._copy.shape == self._obs.shape:
             self._copy[i:j] = obs

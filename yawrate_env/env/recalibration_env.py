@@ -44,8 +44,8 @@ class PIRecalibrationEnv(gymnasium.Env[Observation, Array]):
     |---|---|
     | 0 | log magnitude of the controller at the crossover, over the range that the prior needs |
     | 1 | its phase there, likewise |
-    | 2 | above 0: take these gains; otherwise keep those in effect |
-    | 3 | amplitude of a pseudo-random probing signal on the reference: 0 (and below) to `probing` |
+    | 2 | positive: take these gains; otherwise keep those in effect |
+    | 3 | amplitude of a pseudo-random probing of the reference, up to `probing`; negative: none |
 
     The range is that of `yawrate/PITuningFeatures-v0`.  New gains do not move the wheel by
     themselves: the controller changes bumplessly.
@@ -59,9 +59,9 @@ class PIRecalibrationEnv(gymnasium.Env[Observation, Array]):
     | 0, 1 | estimates of log friction and log total mass, standardised by the prior |
     | 2, 3 | logarithms of their standard deviations over the prior's |
     | 4 | their correlation |
-    | 5 | misfit: excess of the squared prediction errors in standard deviations, as ±log(1 + abs) |
+    | 5 | misfit: excess of squared prediction errors in standard deviations, as `±log(1 + abs)` |
     | 6, 7 | gains in effect, as in the action |
-    | 8 | speed of the window to come, -1 to 1 over its range |
+    | 8 | speed of the window to come, in [-1, 1] over its range |
 
     The estimates are maximum a posteriori with the prior, of the log's command and yaw rate
     (`yawrate_env.vehicle.drive_estimate`); `unwrapped.interface.estimates` turns observations back.
@@ -87,8 +87,9 @@ class PIRecalibrationEnv(gymnasium.Env[Observation, Array]):
     ## Information
 
     After a step, of its window: `kp`, `Ti`, `changed`, `phase_margin` [deg], `crossover` [Hz],
-    `gain_margin` [dB], `stable`, `oracle_kp`, `oracle_Ti`, `mu_s`, `M_delta`, `v_x`, and `cost`: 1
-    where the loop is unstable or its phase margin below 45 deg, else 0.  That of `reset` is empty.
+    `gain_margin` [dB], `stable`, `oracle_kp`, `oracle_Ti`, `mu_s`, `M_delta`, `v_x`, and `cost`:
+    whether the loop is unstable or its phase margin below 45 deg, as a number.  That of `reset` is
+    empty.
 
     ## Arguments
 
@@ -97,7 +98,7 @@ class PIRecalibrationEnv(gymnasium.Env[Observation, Array]):
     | `windows` | 50 | of a drive |
     | `window` | 5 | length of a window [s] |
     | `price` | 0.01 | of new gains, in reward |
-    | `probing` | 0 | largest amplitude of probing [rad/s]; 0: the action has no such number |
+    | `probing` | 0 | largest amplitude of probing [rad/s]; else the action has no such number |
     | `comfort` | 0.05 | price of lateral acceleration with probing [reward per m/s^2] |
     | `mu_s` | [0.3, 1.1] | range of friction |
     | `M_delta` | [0, 300] | range of the load [kg] |

@@ -20,6 +20,8 @@ class TuningEnv(gymnasium.Env[Observation, Array]):
     | observation | (2 + m, N) float32 | input, measured output; m measured parameters, constant |
     | action | (k,) float64 | gains: those that the prior's plants need, and a quarter more |
 
+    Of several channels all inputs come first, then all outputs.
+
     The reward is -e/(1 + e/4) with e the distance of the loop's metrics from what the design
     rule reaches, in the errors that count as one; -4 where a metric is undefined, -5 where
     the loop is unstable.  An episode is one step.  The info after it has the gains,

@@ -56,7 +56,7 @@ class PITuningEnv(TuningEnv):
     | 0 | steering command at the road wheel | ±`amplitude` | rad |
     | 1 | measured yaw rate | ±20 | rad/s |
     | 2 | speed, with `visible="speed"` or `"context"` | | m/s |
-    | 3, 4 | `mu_s`, `M_delta`, with `visible="context"` (for upper bounds) | | 1, kg |
+    | 3, 4 | `mu_s`, `M_delta`, with `visible="context"` (for upper bounds) | | –, kg |
 
     ## Rewards
 
@@ -68,9 +68,9 @@ class PITuningEnv(TuningEnv):
 
     `mu_s`, `M_delta` and `v_x` are drawn uniformly from their ranges; `reset(options=
     {"mu_s": 0.5, "M_delta": 100.0, "v_x": 20.0})` pins any of them.  For a curriculum,
-    `reset(options={"width": 0.5})` shrinks every range to half about its middle: 0 is the vehicle
-    in the middle, 1 the whole prior.  A batch takes one value, or one for each sub-environment;
-    they hold for one episode.
+    `reset(options={"width": 0.5})` shrinks every range to half about its middle: `width=0` is the
+    vehicle in the middle, `width=1` the whole prior.  A batch takes one value, or one for
+    each sub-environment; they hold for one episode.
 
     ## Episode end
 
@@ -80,8 +80,8 @@ class PITuningEnv(TuningEnv):
 
     After the step: `kp`, `Ti` (as applied), `clipped`, `phase_margin` [deg], `crossover`
     [Hz], `gain_margin` [dB], `stable`, `cost`, `oracle_kp`, `oracle_Ti`, `mu_s`, `M_delta`, `v_x`.
-    The info of `reset` is empty.  `cost` is for constrained learning: 1.0 where the loop is
-    unstable or its phase margin below 45 deg, else 0.0.
+    The info of `reset` is empty.  `cost` is for constrained learning: whether the loop is
+    unstable or its phase margin below 45 deg, as a number.
 
     ## Arguments
 
@@ -121,17 +121,16 @@ class PITuningEnv(TuningEnv):
     that, for clients that ask for it.  With `vectorization_mode="sync"` or
     `"async"` pass `vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}`: Gymnasium's default,
     `NEXT_STEP`, spends every second step of a one-step environment on the reset, ignores that
-    step's action and rewards it with 0, so that half of what an agent learns from is noise.
+    step's action and does not reward it, so that half of what an agent learns from is noise.
 
-    Batches of 64 to 256 are fastest: smaller ones pay for Python, larger ones leave the processor's
-    cache.  `gymnasium.make("yawrate_env:yawrate/PITuning-v0")` imports the package by itself, which
-    a process started by `"spawn"` (`AsyncVectorEnv`, SB3's `SubprocVecEnv`) needs; only `yawrate/`
+    Small batches pay for Python, and those of thousands leave the processor's cache.
+    `gymnasium.make("yawrate_env:yawrate/PITuning-v0")` imports the package by itself, which a
+    process started by `"spawn"` (`AsyncVectorEnv`, SB3's `SubprocVecEnv`) needs; only `yawrate/`
     is this package's namespace.  A native batch is one process on all cores: it is faster than
     any number of processes.
 
     Random actions tell how hard it is: drawn evenly from the box of gains, 92 % of the loops are
-    unstable and the mean reward is -4.8; from the unit box of `yawrate/PITuningFeatures-v0` 15 %
-    are, and it is -2.4; the fixed gains of the mid-prior vehicle earn -0.73, the oracle 0.
+    unstable and the mean reward is -4.8; the fixed gains of the mid-prior vehicle earn -0.73.
 
     `render_mode="rgb_array"` gives pictures of the episode, of the open loop and of the step
     response; `"human"` opens a window and is not for batches.

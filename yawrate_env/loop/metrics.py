@@ -33,6 +33,9 @@ Array = NDArray[np.float64]
 
 LONGEST = 20_000
 
+SETTLED = 0.02
+"""Of the step: a response within it counts as settled."""
+
 _BLOCK = 16
 _GONE = 1e-4
 
@@ -135,14 +138,14 @@ def _steps(
         peak, last = 0.0, -1
         for k in range(len(y)):
             peak = max(peak, y[k] - 1.0)
-            if abs(y[k] - 1.0) > 0.02:
+            if abs(y[k] - 1.0) > SETTLED:
                 last = k
         settled = np.inf
         if last < len(y) - 1:  # between the samples, so that it moves smoothly with the gains
             settled = 0.0
             if last >= 0:
                 out, inside = abs(y[last] - 1.0), abs(y[last + 1] - 1.0)
-                settled = (last + (out - 0.02) / (out - inside)) * Ts
+                settled = (last + (out - SETTLED) / (out - inside)) * Ts
         _respond(A[b], disturbance[b], output[b], y)
         total = 0.0
         for k in range(len(y)):

@@ -6,17 +6,18 @@ both once outputs are *stacked*: one after the other, (B, q N), and weighted so 
 each is of one size.
 """
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.plant.names import check_unique
+from yawrate_env.plant.names import check_unique, split
 
 Array = NDArray[np.float64]
 Names = tuple[str, ...]
 Noise = float | tuple[float, ...] | Callable[[Array], Array]
+Rows = TypeVar("Rows", bound=NDArray[Any])
 
 _OF_ONE = (
     "excite", "integrating", "in_loop", "initial", "crossover", "record", "sensitivity",
@@ -30,6 +31,7 @@ class Channels:
     __slots__ = ()
 
     u: Array
+    gains: Names
     noise: Noise
     signals: tuple[str, str]
     channels: tuple[Names, Names] | None
@@ -49,6 +51,46 @@ class Channels:
         """Names of the q outputs."""
         return self.signals[1:] if self.channels is None else self.channels[1]
 
+    @property
+    def columns(self) -> dict[str, str]:
+        """Names of a table's columns of recordings, inputs first, to the signals they hold."""
+        if self.channels is None:
+            return dict(zip("uy", self.signals, strict=True))
+        return {split(name)[0]: name for name in (*self.inputs_named, *self.outputs_named)}
+
+    @property
+    def rows(self) -> int:
+        """Signals of an observation (B, rows, N): inputs, then outputs; further rows may follow."""
+        return len(self.inputs_named) + len(self.outputs_named)
+
+    @property
+    def output_rows(self) -> slice:
+        """Where the outputs are among these."""
+        return slice(len(self.inputs_named), self.rows)
+
+    def inputs_in(self, obs: Rows) -> Rows:
+        """Inputs of observations (B, rows, N), a view: (B, N), or of several (B, m, N)."""
+        return obs[:, 0 if self.channels is None else slice(len(self.inputs_named))]  # type: ignore[return-value]
+
+    def outputs_in(self, obs: Rows) -> Rows:
+        """Outputs of observations (B, rows, N), a view: (B, N), or of several (B, q, N)."""
+        rows = self.output_rows
+        return obs[:, rows.start if self.channels is None else rows]  # type: ignore[return-value]
+
+    def recordings_in(self, obs: NDArray[Any]) -> tuple[Array, Array]:
+        """Inputs (1 or B, N) and outputs (B, N) of observations, of several (…, m, N) and so on.
+
+        Inputs that all episodes share are given once.
+        """
+        u = self.inputs_in(obs)
+        u = u[:1] if (u == u[:1]).all() else u
+        return u.astype(np.float64, order="C"), self.outputs_in(obs).astype(np.float64, order="C")
+
+    @property
+    def loops(self) -> dict[str, tuple[str, str]]:
+        """PI loops by name, to their input and output (`loops_of`)."""
+        return loops_of(self.gains, self.inputs_named, self.outputs_named)
+
     def check_single(self, what: str, instead: str) -> None:
         """``ValueError`` where a plant with several channels meets what knows one of each."""
         if self.channels is not None:
@@ -64,6 +106,12 @@ class Channels:
             return y
         return np.asarray(y.reshape(len(y), len(self.weights), -1) / self.weights)
 
+    def in_a_row(self, parts: Sequence[Array]) -> Array:
+        """Stacked outputs (..., q N) of several recordings, one after the other."""
+        count, before = len(self.outputs_named), parts[0].shape[:-1]
+        apart = [part.reshape(*before, count, -1) for part in parts]
+        return np.concatenate(apart, axis=-1).reshape(*before, -1)
+
     @property
     def declared_noise(self) -> float | None:
         """Standard deviation of stacked outputs' noise; None where it depends on the output."""
@@ -75,9 +123,27 @@ class Channels:
     @property
     def weights(self) -> Array:
         """(q, 1) by which outputs are multiplied where they are stacked."""
-        each = np.broadcast_to(np.asarray(self.noise, np.float64), (len(self.outputs_named),))
-        level = self.declared_noise
-        return np.asarray(level / each if level else np.ones_like(each))[:, None]
+        level, each = self.declared_noise, np.ones(len(self.outputs_named))
+        return np.asarray(level / (each * self.noise) if level else each)[:, None]  # type: ignore[operator]
+
+
+def by_channel(signals: Rows) -> Rows:
+    """Signals (B, m, N), or (B, N) of one channel, with the channels first: (m, B, N)."""
+    return signals.reshape(len(signals), -1, signals.shape[-1]).swapaxes(0, 1)  # type: ignore[return-value]
+
+
+def loops_of(gains: Sequence[str], inputs: Names, outputs: Names) -> dict[str, tuple[str, str]]:
+    """Several PI loops by what their gains' names end with, to their input and output.
+
+    The k-th loop answers the k-th output's error by the k-th input, and its gains are called
+    ``kp_name`` and ``Ti_name``.  Empty where gains are others.
+    """
+    bare = [split(name)[0] for name in gains]
+    names = [name.removeprefix("kp_") for name in bare if name.startswith("kp_")]
+    paired = bare == [f"{of}_{name}" for name in names for of in ("kp", "Ti")]
+    if not (paired and len(names) == len(inputs) == len(outputs) > 1):
+        return {}
+    return dict(zip(names, zip(inputs, outputs, strict=True), strict=True))
 
 
 def check_channels(plant: Mapping[str, Any]) -> None:

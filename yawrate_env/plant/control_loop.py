@@ -42,14 +42,14 @@ MARGINS = ("phase_margin [deg]", "crossover [Hz]")
 
 SCALES = {
     "phase_margin [deg]": PHASE_SCALE,
-    "crossover [Hz]": CROSSOVER_SCALE,
     "gain_margin [dB]": 4.0,  # 10 % of the gain needs no care, 20 % is no miss
     "modulus_margin": 0.2,
     "Ms": 0.5,
     "overshoot [%]": 20.0,
 }
 """Errors that count as one, of metrics whose size does not depend on the plant's; those of the
-yaw-rate environment where it has them."""
+yaw-rate environment where it has them.  An error of a sixth of the wanted crossover counts as one,
+as there."""
 
 SPEEDS = {"slow": 2 / 3, "medium": 1.0, "fast": 1.5}
 """Loops that are offered beside each other, as fast as the rule's by these factors."""
@@ -167,7 +167,8 @@ class ControlLoop:
     @property
     def settings(self) -> dict[str, Metric]:
         """The metrics with their usual scales; those whose size is the plant's are reported."""
-        return {name: Metric(SCALES.get(name, np.inf)) for name in self.metrics}
+        scales = {**SCALES, "crossover [Hz]": self.target.crossover / 6}
+        return {name: Metric(scales.get(name, np.inf)) for name in self.metrics}
 
     @property
     def parametrisation(self) -> Parametrisation:

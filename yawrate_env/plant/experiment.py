@@ -100,7 +100,8 @@ class Experiment(Parameters, Channels):
     ) -> Array:
         """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4).
 
-        They are written into `out` (B, N) float32 or float64, if given; it may be a strided view.
+        They are written into `out` float32 or float64, if given; it may be a strided view.  Of
+        several channels inputs are (1 or B, m, N), and outputs (B, q, N).
         ``written(i, j)`` is called once episodes i to j are there, from any thread.
         """
         if self.record is not None:
@@ -112,19 +113,17 @@ class Experiment(Parameters, Channels):
             add_white_noise(noise, sigma, keys, noise)
             clean, sigma = self.respond(theta, u - noise, rng), np.zeros_like(sigma)
             clean = clean + noise
-        stack = out is None or self.channels is not None
-        measured: Array = np.empty_like(clean) if stack else out  # type: ignore[assignment]
+        one = out is not None and out.ndim == 2
+        noisy: Any = out if one else np.empty_like(clean)
 
         def work(i: int, j: int) -> None:
-            add_white_noise(clean[i:j], sigma[i:j], keys[i:j], measured[i:j])
+            add_white_noise(clean[i:j], sigma[i:j], keys[i:j], noisy[i:j])
+            if out is not None and not one:
+                out[i:j] = self.unstacked(noisy[i:j])
             written(i, j)
 
         over_blocks(work, len(clean), LANES)
-        measured = self.unstacked(measured)
-        if out is not None and self.channels is not None:
-            out[:] = measured
-            return np.asarray(out)
-        return np.asarray(measured)
+        return np.asarray(self.unstacked(noisy) if out is None else out)
 
     def sigma(self, clean: Array) -> Array:
         """Standard deviations of the measurement noise of stacked outputs, (B,)."""

@@ -95,19 +95,27 @@ def of_gains(kinds: Sequence[str], scales: Sequence[float] = ()) -> Parametrisat
     Parameters
     ----------
     kinds : sequence of {"log", "linear", "signed"}
-        The logarithm of a positive gain; a gain itself; or ``asinh(gain/scale)``, which is linear
-        for gains below the scale and logarithmic beyond, for gains of either sign.
+        The logarithm of gain/scale, which is positive; a gain itself; or ``asinh(gain/scale)``,
+        which is linear for gains below the scale and logarithmic beyond, for gains of either sign.
     scales : sequence of float, optional
-        Of signed gains; 1 by default.
+        1 by default; -1 of logarithms of gains that are all negative.
     """
     for kind in kinds:
         validation.one_of("kind", kind, COLUMNS)
     given = tuple(scales) or (1.0,) * len(kinds)
     if len(given) != len(kinds):
         raise ValueError(f"scales = {scales!r} must be one for each of {len(kinds)} gains.")
-    checked = (validation.number("scale", scale, above=0.0) for scale in given)
-    of = _Columns(tuple(zip(kinds, checked, strict=True)))
+    remedy = "A negative one is for logarithms of negative gains."
+    for kind, scale in zip(kinds, given, strict=True):
+        size = -scale if kind == "log" and scale < 0 else scale
+        validation.number("scale", size, above=0.0, remedy=remedy)
+    of = _Columns(tuple(zip(kinds, map(float, given), strict=True)))
     return Parametrisation(of.encode, of.decode, of.names, columns=of.columns)
+
+
+def sign_of(kind: str, scale: float) -> int:
+    """Sign of a gain of that kind; 0 where it may have either."""
+    return 0 if kind in ("linear", "signed") else int(np.sign(scale))
 
 
 def signed(*scales: float) -> Parametrisation:
@@ -136,8 +144,8 @@ class _Columns:
                 [s * by_kind[kind](values[:, i]) for i, (kind, s) in enumerate(self.columns)],
                 axis=1,
             )
-        logs = np.array([kind == "log" for kind, _ in self.columns])
-        usable = np.isfinite(gains) & ((gains > 0) | ~logs)
+        signs = np.array([sign_of(*column) for column in self.columns])
+        usable = np.isfinite(gains) & ((gains * np.where(signs < 0, -1, 1) > 0) | (signs == 0))
         return np.where(usable.all(axis=1, keepdims=True), gains, np.nan)
 
     def names(self, gains: Names) -> Names:

@@ -6,11 +6,12 @@ suffices (`yawrate init --plant fopdt`).  The vehicle is in `yawrate_env.vehicle
 
 from importlib.resources import files
 
-from yawrate_env.plants.process import Experiment, fopdt, integrator, sopdt
+from yawrate_env.plants.experiment import Experiment
+from yawrate_env.plants.process import dc_motor, fopdt, integrator, sopdt, thermal
 
-__all__ = ["Experiment", "fopdt", "integrator", "sopdt", "template"]
+__all__ = ["Experiment", "dc_motor", "fopdt", "integrator", "sopdt", "template", "thermal"]
 
-NAMES = "fopdt", "sopdt", "integrator"
+NAMES = "fopdt", "sopdt", "integrator", "dc_motor", "thermal"
 
 
 def template(name: str) -> str:

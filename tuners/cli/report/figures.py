@@ -56,16 +56,18 @@ STYLE = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Traces:
-    """A recording and the fitted model, (N,) arrays in the units of their labels.
+    """A recording and the fitted model, arrays in the units of their labels.
 
     Attributes
     ----------
     t0, Ts : float
         Time of the first sample, and of each further one [s].
-    command, measured, simulated : NDArray
-        Input, measured output and simulated output.
-    labels : tuple of str
-        Of input and output, as in ``yaw rate [deg/s]``.
+    command : NDArray
+        (m, N) inputs.
+    measured, simulated : NDArray
+        (q, N) outputs.
+    labels : tuple of tuple of str
+        Of inputs and of outputs, as in ``yaw rate [deg/s]``.
     """
 
     t0: float
@@ -73,54 +75,67 @@ class Traces:
     command: Array
     measured: Array
     simulated: Array
-    labels: tuple[str, str]
+    labels: tuple[tuple[str, ...], tuple[str, ...]]
 
 
 def recording(traces: Traces, width: float) -> Figure:
-    """The recording with the fitted model over it, and the residual."""
-    every = max(1, len(traces.measured) // MOST_POINTS)
+    """The inputs, each output with the fitted model over it, and its residual."""
+    every = max(1, traces.measured.shape[1] // MOST_POINTS)
     signals = (traces.command, traces.measured, traces.simulated)
-    u, y, model = (signal[::every] for signal in signals)
-    time = traces.t0 + traces.Ts * every * np.arange(len(y))
-    command, output = traces.labels
+    inputs, outputs, models = (signal[:, ::every] for signal in signals)
+    time = traces.t0 + traces.Ts * every * np.arange(outputs.shape[1])
+    commands, labels = traces.labels
+    heights = [1.0] * len(commands) + [2.6, 1.0] * len(labels)
     with style.context(["default", STYLE]):
-        picture = Figure(figsize=(width, 4.6))
-        above, middle, below = picture.subplots(3, 1, sharex=True, height_ratios=[1, 2.6, 1])
-        above.plot(time, u, color=rendering.COMMAND, lw=1.0, drawstyle="steps-post")
-        above.set_ylabel(_two_lines(command))
-        middle.plot(time, y, color=MEASURED, lw=1.4, label="measured")
-        middle.plot(time, model, color=MODEL, lw=0.9, label="fitted model")
-        middle.set_ylabel(_two_lines(output))
-        middle.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=2, borderaxespad=0)
-        below.plot(time, y - model, color=RESIDUAL, lw=0.7)
-        below.set(ylabel=_two_lines("residual", output), xlabel="time [s]")
-        below.set_xlim(time[0], time[-1])
-        for axes in (above, middle, below):
-            axes.yaxis.set_major_locator(MaxNLocator(4 if axes is middle else 2))
+        picture = Figure(figsize=(width, sum(heights)))
+        rows = picture.subplots(len(heights), 1, sharex=True, height_ratios=heights)
+        above, pairs = rows[: len(commands)], rows[len(commands) :].reshape(-1, 2)
+        for axes, u, command in zip(above, inputs, commands, strict=True):
+            axes.plot(time, u, color=rendering.COMMAND, lw=1.0, drawstyle="steps-post")
+            axes.set_ylabel(_two_lines(command))
+        for (middle, below), y, model, output in zip(pairs, outputs, models, labels, strict=True):
+            middle.plot(time, y, color=MEASURED, lw=1.4, label="measured")
+            middle.plot(time, model, color=MODEL, lw=0.9, label="fitted model")
+            middle.set_ylabel(_two_lines(output))
+            below.plot(time, y - model, color=RESIDUAL, lw=0.7)
+            below.set_ylabel(_two_lines("residual", output))
+        first = pairs[0, 0]
+        first.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=2, borderaxespad=0)
+        rows[-1].set(xlabel="time [s]", xlim=(time[0], time[-1]))
+        for axes in rows:
+            axes.yaxis.set_major_locator(MaxNLocator(4 if axes in pairs[:, 0] else 2))
+        picture.align_ylabels()
     return picture
 
 
 def whole(
-    found: Whole, input: str, factor: float, measured: tuple[str, ...], width: float
+    found: Whole,
+    inputs: tuple[tuple[str, float], ...],
+    measured: tuple[str, ...],
+    width: float,
 ) -> Figure:
     """A long recording and the part of it that is used.
 
     Parameters
     ----------
-    input, measured : str, tuple of str
-        Labels of the input, which is multiplied by `factor`, and of the measured parameters.
+    inputs : tuple of (str, float)
+        Label of each input, and the factor to its unit.
+    measured : tuple of str
+        Labels of the measured parameters.
     """
-    rows = 1 + len(measured)
+    rows = len(inputs) + len(measured)
     with style.context(["default", STYLE]):
         picture = Figure(figsize=(width, 0.9 + 1.1 * rows))
-        first, *others = picture.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
-        low, high = factor * found.input.T
-        first.fill_between(found.time, low, high, color=rendering.COMMAND, lw=0.8)
-        first.set_ylabel(_two_lines(input))
+        every = picture.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+        above, others = every[: len(inputs)], every[len(inputs) :]
+        for axes, (label, factor), ends in zip(above, inputs, found.inputs, strict=True):
+            low, high = factor * ends.T
+            axes.fill_between(found.time, low, high, color=rendering.COMMAND, lw=0.8)
+            axes.set_ylabel(_two_lines(label))
         for axes, label, values in zip(others, measured, found.measured.values(), strict=True):
             axes.plot(found.time, values, color=rendering.INK, lw=1.0)
             axes.set_ylabel(_two_lines(label))
-        for axes in (first, *others):
+        for axes in every:
             axes.axvspan(*found.used, color=rendering.TARGET, alpha=0.16, lw=0)
             axes.yaxis.set_major_locator(MaxNLocator(2))
             axes.set_xlim(found.time[0], found.time[-1])

@@ -43,8 +43,9 @@ def live(result: Result, log: Log, tuner: str) -> dict[str, Any] | None:
     own = sliders.choices[0].controller
     command = ["yawrate", "tune", log.source or "LOG", "--tuner", tuner]
     slowest, fastest = model.range
+    ((input, _),), ((output, _),) = displayed(plant)
     return {
-        "names": {"output": displayed(plant)[1][0], "command": unit_of(displayed(plant)[0][0])},
+        "names": {"output": output, "command": unit_of(input)},
         "texts": {
             "command": shlex.join(command) if plant.loop_target else None,
             "c": programs(result, (one.controller.name for one in sliders.choices)),

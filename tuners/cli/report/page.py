@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 import yawrate_env
 from tuners.cli.report import figures, loops, tables
 from tuners.cli.report.figures import Traces
@@ -13,18 +15,20 @@ from tuners.cli.report.numbers import minus
 from tuners.cli.report.residuals import Residuals
 from tuners.cli.text import (
     VERDICTS,
+    Shown,
     answered_by,
     described,
     displayed,
     fallback_text,
     forms_of,
     gain_units,
+    in_words,
 )
 from tuners.logs import Log
 from tuners.tuner.method import Rung
 from tuners.tuner.result import Result
 from yawrate_env.files import write_text
-from yawrate_env.plant.names import word
+from yawrate_env.plant.names import split, word
 from yawrate_env.plant.plant import Plant
 
 LONGEST_LAG = 0.05
@@ -48,21 +52,19 @@ def render(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> st
     logs : sequence of Log
         All of them, where there are several.
     """
-    result.plant.check_single("reports draw", "Leave --report out.")
     if logs:  # they are drawn one after the other
         log = replace(log, source=", ".join(one.source for one in logs), t0=0.0)
     plant, fit = result.plant, result.fit
     shown = displayed(plant)
-    input, output = (word(name, kind) for (name, _), kind in zip(shown, KINDS, strict=True))
-    longest = LONGEST_LAG * len(plant.u) * plant.Ts
+    input, output = (in_words(names, kind) for names, kind in zip(shown, KINDS, strict=True))
+    longest = LONGEST_LAG * plant.samples * plant.Ts
     residuals = Residuals.of(fit.residual, fit.u, fit.Ts, log.recorded_Ts, longest)
     loop, alone = result.loop, result.rung >= Rung.BLACK_BOX
     drawn = {
         **_recording(result, log),
         **_whole(result, log),
-        **loops.pictured(loop, shown[1][0]),
-        "auto": figures.correlation(residuals.auto, "Residual with itself"),
-        "cross": figures.correlation(residuals.cross, f"Residual with the {input}"),
+        **loops.pictured(loop, shown[1][0][0]),
+        **_correlations(residuals, shown),
     }
     return _filled(
         verdict=VERDICTS[result.verdict].capitalize(),
@@ -87,8 +89,10 @@ def render(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> st
         responses=tuple(r.title for r in loop.responses) if loop and loop.responses else RESPONSES,
         margins=loops.margins(loop),
         parameters=tables.parameters(result),
-        residuals=residuals,
+        outside=residuals.outside,
+        correlations=[name for name in drawn if name.startswith(("auto", "cross"))],
         forms=forms_of(result),
+        by_loop=tables.loops(result),
         units=gain_units(plant),
         checks=tables.checks(result),
         setup=tables.setup(result, log, tuner, logs),
@@ -100,11 +104,11 @@ KINDS = "input", "output"
 PICTURES = {
     "whole": "The whole log, and the part of it that is used",
     "bode": "Magnitude and phase of the open loop, and its margins",
-    "auto": "Correlation of the residual with itself, and the band of white noise",
-    "cross": "Correlation of the residual with the input, and its band",
 }
 RECORDING = "Input, measured and simulated output, and residual over time"
 LOOP = "Responses of the closed loop over time"
+AUTO = "Correlation of the residual with itself, and the band of white noise"
+CROSS = "Correlation of the residual with the input, and its band"
 """What pictures show, for whom cannot see them."""
 
 RESPONSES = "Step of the reference by 1", "Disturbance of the input by 1"
@@ -112,20 +116,24 @@ RESPONSES = "Step of the reference by 1", "Disturbance of the input by 1"
 
 
 def _seen(name: str) -> str:
-    return PICTURES.get(name) or (LOOP if name.startswith("responses") else RECORDING)
+    kinds = {"responses": LOOP, "auto": AUTO, "cross": CROSS}
+    found = (text for start, text in kinds.items() if name.startswith(start))
+    return PICTURES.get(name) or next(found, RECORDING)
 
 
 def _title(plant: Plant, log: Log) -> str:
     """As in ``Yaw-rate controller from log.csv``."""
-    output = word(displayed(plant)[1][0], "").replace(" ", "-")
+    output = in_words(displayed(plant)[1], "").replace(" ", "-").replace("-and-", " and ")
     return tables.capital(f"{output} controller from {log.source}".lstrip())
 
 
 def _recording(result: Result, log: Log) -> dict[str, Any]:
     """Recording and fitted plant, for wide and for narrow pages."""
-    fit, ((input, of_u), (output, of_y)) = result.fit, displayed(result.plant)
-    signals = of_u * fit.u, of_y * fit.measured, of_y * fit.simulated
-    traces = Traces(log.t0, fit.Ts, *signals, (input, output))
+    fit, (inputs, outputs) = result.fit, displayed(result.plant)
+    of_u, of_y = (np.array([factor for _, factor in each])[:, None] for each in (inputs, outputs))
+    labels = tuple(name for name, _ in inputs), tuple(name for name, _ in outputs)
+    u, measured, simulated = map(np.atleast_2d, (fit.u, fit.measured, fit.simulated))
+    traces = Traces(log.t0, fit.Ts, of_u * u, of_y * measured, of_y * simulated, labels)
     return {
         "wide": figures.recording(traces, figures.FULL),
         "narrow": figures.recording(traces, figures.HALF),
@@ -136,9 +144,23 @@ def _whole(result: Result, log: Log) -> dict[str, Any]:
     """The log that the recording is a part of."""
     if log.whole is None:
         return {}
-    (input, factor), plant = displayed(result.plant)[0], result.plant
+    plant = result.plant
     labels = tuple(plant.label(name) for name in log.whole.measured)
-    return {"whole": figures.whole(log.whole, input, factor, labels, figures.FULL)}
+    return {"whole": figures.whole(log.whole, displayed(plant)[0], labels, figures.FULL)}
+
+
+def _correlations(residuals: Residuals, shown: tuple[Shown, Shown]) -> dict[str, Any]:
+    """Each output's residual with itself, and with every input."""
+    drawn, (inputs, outputs) = {}, shown
+    for j, (auto, cross, (output, _)) in enumerate(
+        zip(residuals.auto, residuals.cross, outputs, strict=True)
+    ):
+        residual = f"Residual of {split(output)[0]}" if len(outputs) > 1 else "Residual"
+        drawn[f"auto_{j}"] = figures.correlation(auto, f"{residual} with itself")
+        for i, (found, (input, _)) in enumerate(zip(cross, inputs, strict=True)):
+            title = f"{residual} with the {word(input, 'input')}"
+            drawn[f"cross_{j}_{i}"] = figures.correlation(found, title)
+    return drawn
 
 
 def _filled(**values: Any) -> str:

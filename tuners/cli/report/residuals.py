@@ -1,4 +1,4 @@
-"""Whether the residual of a fit is white, and whether the input explains any of it.
+"""Whether the residuals of a fit are white, and whether an input explains any of them.
 
 For a right model the residual's autocorrelation at lag k > 0 and its cross-correlation with
 an input are normal around zero, with standard deviations 1/sqrt(N) and
@@ -43,10 +43,18 @@ class Correlation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """Correlations of a residual at the recording's own sampling time."""
+    """Correlations of residuals at the recording's own sampling time.
 
-    auto: Correlation
-    cross: Correlation
+    Attributes
+    ----------
+    auto : tuple of Correlation
+        Of each of q residuals with itself.
+    cross : tuple of tuple of Correlation
+        Of each with each of m inputs.
+    """
+
+    auto: tuple[Correlation, ...]
+    cross: tuple[tuple[Correlation, ...], ...]
 
     @classmethod
     def of(cls, e: Array, u: Array, Ts: float, recorded: float, longest: float) -> Self:
@@ -55,15 +63,27 @@ class Residuals:
         Parameters
         ----------
         e, u : (N,) float64
-            Residual and input.
+            Residual and input, of several channels (q, N) and (m, N).
         Ts, recorded : float
             Sampling times of these, and of the recording [s].
         longest : float
             Largest lag [s].
         """
         every = max(1, round(recorded / Ts))
-        e, u, Ts = e[::every], u[::every], every * Ts
-        return cls(autocorrelation(e, Ts, longest), cross_correlation(e, u, Ts, longest))
+        left, inputs, Ts = np.atleast_2d(e)[:, ::every], np.atleast_2d(u)[:, ::every], every * Ts
+        return cls(
+            tuple(autocorrelation(row, Ts, longest) for row in left),
+            tuple(
+                tuple(cross_correlation(row, each, Ts, longest) for each in inputs) for row in left
+            ),
+        )
+
+    @property
+    def outside(self) -> tuple[float, float]:
+        """Mean shares of the lags outside the bands: with themselves, and with inputs."""
+        every = self.auto, [each for row in self.cross for each in row]
+        own, others = (float(np.mean([each.outside for each in found])) for found in every)
+        return own, others
 
 
 def autocorrelation(e: Array, Ts: float, longest: float) -> Correlation:

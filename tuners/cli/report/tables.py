@@ -66,6 +66,19 @@ def numbers(result: Result) -> list[tuple[str, str, str, str]]:
     return gains + metrics
 
 
+def loops(result: Result) -> list[tuple[str, str]]:
+    """Several PI loops: from which output to which input, and the gains of each."""
+    pairs = zip(list(result.gains.items())[::2], list(result.gains.items())[1::2], strict=False)
+    units = gain_units(result.plant)
+    return [
+        (
+            f"{split(output)[0]} by {split(input)[0]}",
+            minus(", ".join(f"{split(n)[0]} {quantity(v, units[n])}" for n, v in pair)),
+        )
+        for (input, output), pair in zip(result.plant.loops.values(), pairs, strict=False)
+    ]
+
+
 def parameters(result: Result) -> list[tuple[str, str, str]]:
     """Parameters of the fitted plant: name, value, and how it is known."""
     plant, deviations, rows = result.plant, result.fit.deviations, []
@@ -117,19 +130,20 @@ def validation(result: Result) -> list[tuple[str, str]]:
 def setup(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> list[tuple[str, str]]:
     """What the result rests on: tuner, plant, target, recordings."""
     plant, fit = result.plant, result.fit
-    (_, (output, factor)), target = displayed(plant), plant.parametrisation.target
+    (_, outputs), target = displayed(plant), plant.parametrisation.target
     rows = [("Tuner", tuner), ("Plant", plant.entry or "without an entry point")]
     rows += [
         (capital(name), _listed(value))
         for name, value in plant.arguments.items()
         if value and name != "target"
     ]
-    rows.append(("Signals", " to ".join(plant.signals)))
+    signals = plant.inputs_named, plant.outputs_named
+    rows.append(("Signals", " to ".join(", ".join(names) for names in signals)))
     if target is not None:
         rows.append(("Target", f"phase margin {target.phase_margin:g}°, crossover "
                      f"{target.crossover:g} Hz"))  # fmt: skip
         rows.append(("Controller", f"{every(target.Ts)}, delay {target.delay_samples} samples"))
-    rows.append(("Experiment trained on", f"{len(plant.u) * plant.Ts:g} s, {every(plant.Ts)}"))
+    rows.append(("Experiment trained on", f"{plant.samples * plant.Ts:g} s, {every(plant.Ts)}"))
     for one in logs or (log,):
         mark = f" {one.source}" if logs else ""
         rows.append((f"Recording{mark}", f"{one.duration:.4g} s, {every(one.recorded_Ts)}"))
@@ -141,9 +155,9 @@ def setup(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> lis
             )
     start = "from rest, without offset"
     if not fit.from_rest:
-        offset, initial = (
-            quantity(factor * v, unit_of(output), 3) for v in (fit.offset, fit.initial)
-        )
+        units, factor = {unit_of(name) for name, _ in outputs}, outputs[0][1]
+        unit = "" if len(units) > 1 else units.pop()
+        offset, initial = (quantity(factor * v, unit, 3) for v in (fit.offset, fit.initial))
         start = f"in motion; offset {offset}, response to the initial state {initial} rms"
     rows += [("Start", start), ("Signal to noise", f"{fit.snr_db:.1f} dB")]
     return [(name, minus(value) if name in ("Start", "Signal to noise") else value)

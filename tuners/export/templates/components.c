@@ -37,7 +37,7 @@ int {{ name }}_solve(const {{ name }}_state *state, double features[{{ name | up
             for (j = 0; j < ORDER; j++) {
                 weight += DIRECTIONS[i][j] * gram(state, j, k);
             }
-            features[i] += (DIRECTIONS[i][k] * state->products[k]) - (weight * MEAN[k]);
+            features[i] += (DIRECTIONS[i][k] * state->products[0][k]) - (weight * MEAN[k]);
             for (j = 0; j <= i; j++) {
                 information[(i * COUNT) + j] += weight * DIRECTIONS[j][k];
             }

@@ -16,7 +16,7 @@ int {{ name }}_solve(const {{ name }}_state *state, double features[{{ name | up
     double coefficients[ORDER];
     double last = 0.0;
     double phase = 0.0;
-    int failed = fit(state, coefficients);
+    int failed = fit(state, 0, coefficients);
     int i;
     int k;
 

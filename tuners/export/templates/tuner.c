@@ -28,8 +28,9 @@ static int all_finite(const double x[ALL])
     return result;
 }
 
-{% if 1 in signed %}
-static const int SIGNED[OUTPUTS] = { {{ signed | join(", ") }} }; /* may be zero or negative */
+{% set other = signs | reject("equalto", 1) | list %}
+{% if other %}
+static const double SIGNS[OUTPUTS] = { {{ signs | map("float") | map("number") | join(", ") }} }; /* 0: either, or zero */
 
 {% endif %}
 static int all_usable(const double gains[OUTPUTS])
@@ -38,7 +39,7 @@ static int all_usable(const double gains[OUTPUTS])
     int i;
 
     for (i = 0; i < OUTPUTS; i++) {
-        if (!((isfinite(gains[i]) != 0) && {{ "((SIGNED[i] != 0) || (gains[i] > 0.0))" if 1 in signed else "(gains[i] > 0.0)" }})) {
+        if (!((isfinite(gains[i]) != 0) && {{ "((SIGNS[i] == 0.0) || ((SIGNS[i] * gains[i]) > 0.0))" if other else "(gains[i] > 0.0)" }})) {
             result = 0;
         }
     }

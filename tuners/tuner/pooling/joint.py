@@ -63,7 +63,7 @@ class Joint:
         shared = theta.copy()
         shared[:, plant.unknown] = self.fits[0].theta[:, plant.unknown]
         simulated, residual = (
-            np.concatenate([getattr(each, name) for each in self.fits], axis=1)
+            plant.in_a_row([getattr(each, name) for each in self.fits])
             for name in ("simulated", "residual")
         )
         noise = np.max([each.noise for each in self.fits], axis=0)
@@ -89,7 +89,7 @@ def joint_fit(
     ----------
     models, alone : L of BlackBox and Fit
         Of each recording: its fit is a start of the search, and its noise the weight.
-    measured : L of (B, N) float64
+    measured : L of (B, N) or (B, q, N) float64
         Outputs as recorded.
     """
     problem = _Problem(plant, models, [each.theta for each in alone], alone)
@@ -118,14 +118,15 @@ def joint_fit(
 
 
 def fitted_like(plant: Plant, joint: Joint, model: BlackBox, alone: Fit, measured: Array) -> Fit:
-    """A further recording (B, N) with the plants found, and its own measured parameters."""
+    """A further recording with the plants found, and its own measured parameters."""
     theta = alone.theta.copy()
     theta[:, plant.unknown] = joint.fits[0].theta[:, plant.unknown]
     error, _ = signals(plant, theta, model)
     noise = noise_level(error, model.Ts, plant.crossover)
     return replace(
-        joint.fits[0], theta=theta, simulated=measured - error, residual=error, noise=noise
-    )
+        joint.fits[0], theta=theta, simulated=plant.stacked(measured) - error, residual=error,
+        noise=noise,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,17 +185,18 @@ def _finished(problem: _Problem, measured: Sequence[Array], theta: Array, done: 
             noise = noise * model.oversampled
         scale = 1 / np.sqrt(_positive(noise))
         scaled.append((error * scale[:, None], slopes * scale[:, None, None]))
-        found.append((own, measured[i] - error, error, noise))
-    errors, slopes = (np.concatenate(parts, axis=-1) for parts in zip(*scaled, strict=True))
+        found.append((own, plant.stacked(measured[i]) - error, error, noise))
+    errors, slopes = (plant.in_a_row(parts) for parts in zip(*scaled, strict=True))
     ones = np.ones(len(theta))
     inverse, covariance = drawn_to_prior(slopes, ones)
     discrepancy = None
     if plant.loop_target is None:
-        simulated = np.concatenate([each[1] for each in found], axis=1)
+        simulated = plant.in_a_row([each[1] for each in found])
         oversampled = max(model.oversampled for model in problem.models)
         discrepancy = Discrepancy.of(
-            errors, slopes, simulated, ones, inverse, covariance, oversampled
-        )
+            errors, slopes, simulated, ones, inverse, covariance, oversampled,
+            len(plant.outputs_named),
+        )  # fmt: skip
     fits = tuple(
         Fit(own, done, simulated, error, noise, covariance, None)
         for own, simulated, error, noise in found

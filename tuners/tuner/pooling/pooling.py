@@ -7,6 +7,7 @@ counts with its worst one.  Every recording is compared with the others (`agreem
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,8 +223,8 @@ class Pooling:
         """Checks of the gains with all recordings; of each one, the worst."""
         plant, method = self.plant, self.method
         how = {"anywhere": method.any_measured, "alone": self.alone}
-        y = np.concatenate([look.used.y for look in looks], axis=1)
-        model = in_a_row([look.model for look in looks])
+        y = np.concatenate([look.used.y for look in looks], axis=-1)
+        model = in_a_row(plant, [look.model for look in looks])
         found = assess(plant, model, fitted, response, y, climbed.judged, theta, **how)
         each = []
         for look, fit in zip(looks, joint.fits, strict=True):
@@ -291,19 +292,27 @@ def _worst(findings: Sequence[Finding], names: Sequence[str]) -> Finding:
     return replace(found, values=values.max(axis=0), message=message)
 
 
-def in_a_row(models: Sequence[BlackBox]) -> BlackBox:
+def in_a_row(plant: Plant, models: Sequence[BlackBox]) -> BlackBox:
     """One record of several black boxes: signals in a row, sums of information and residual."""
-    first, count = models[0], len(models[0].y)
-    u = [np.broadcast_to(model.u, (count, model.u.shape[1])) for model in models]
+    whole = _joined(models, plant.in_a_row)
+    rows = [model.rows for model in models if model.rows is not None]
+    together = partial(np.concatenate, axis=1)
+    return replace(whole, rows=_joined(rows, together)) if rows else whole
+
+
+def _joined(models: Sequence[BlackBox], together: Callable[[list[Array]], Array]) -> BlackBox:
+    """The same, their outputs put together so."""
+    first, count = models[0], max(len(model.u) for model in models)
+    u = [np.broadcast_to(model.u, (count, *model.u.shape[1:])) for model in models]
     lengths = np.array([model.y.shape[1] for model in models], dtype=np.float64)
     offset = (lengths / lengths.sum()) @ np.stack([model.offset for model in models])
     return replace(
         first,
-        u=np.concatenate(u, axis=1),
-        y=np.concatenate([model.y for model in models], axis=1),
+        u=np.concatenate(u, axis=-1),
+        y=together([model.y for model in models]),
         oversampled=max(model.oversampled for model in models),
         extra=np.max([model.extra for model in models], axis=0),
-        free=np.concatenate([model.free for model in models], axis=1),
+        free=together([model.free for model in models]),
         offset=offset,
         information=np.sum([model.information for model in models], axis=0),
         residual=np.sum([model.residual for model in models], axis=0),

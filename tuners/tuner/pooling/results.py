@@ -56,8 +56,6 @@ def pools(
     """Results of several recordings at operating points, or at the one they have in common."""
     validation.count("number of recordings", len(recordings), remedy="Give one or more.")
     plant, given = tuner.plant, [*recordings, *([] if validate is None else [validate])]
-    if len(given) > 1:
-        plant.check_single("several recordings pool for", "Tune from each.")
     looks = [
         replace(tuner.inspection.look(recording, start), name=name)
         for recording, name in zip(given, names(given, given_names), strict=True)
@@ -95,7 +93,7 @@ def _pooled(tuner: Answering, pooling: Pooling, looks: Sequence[Look], pool: Poo
         pool = pooling.pool(answering, pooling.fit(answering), theta, tuner.inspection.known(theta))
     else:
         pool, answering = pool.explained(remarks.disagreements(shares)), list(looks)
-    seconds = sum(look.given.y.shape[1] * look.given.Ts for look in answering)
+    seconds = sum(look.given.y.shape[-1] * look.given.Ts for look in answering)
     said = remarks.notes(plant, answering, pool, shares, tuner.method.any_experiment)
     if len(answering) < len(looks):
         said = (*only(answering), *said)

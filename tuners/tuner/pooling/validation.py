@@ -80,7 +80,8 @@ def validation(
         causes=() if agrees or alone else causes(plant, other, kept),
     )
     error = fit.residual if result.rung < Rung.BLACK_BOX else _left_by_black_boxes(looks, other)
-    whole = float(np.linalg.norm(other.used.y[0] - other.used.y[0].mean()))
+    moving = other.used.y - other.used.y.mean(axis=-1, keepdims=True)
+    whole = float(np.linalg.norm(plant.stacked(moving)[0]))
     left = float(np.linalg.norm(error[0])), float(np.sqrt(max(other.model.residual[0], 0.0)))
     reproduced, attainable = (100 * (1 - each / whole) if whole > 0 else np.nan for each in left)
     off = np.abs(shift[0]) > plant.metric_setting("error")
