@@ -9,6 +9,7 @@ import sys
 import urllib.request
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command import EXAMPLE, WRONG, refused, tuned
 
@@ -19,6 +20,10 @@ from starlette.testclient import TestClient
 
 from tuners.app.guard import LARGEST
 from tuners.app.server import application
+from tuners.tuner.rivals import GrayBox
+from tuners.tuner.tuner import Tuner
+from yawrate_env.plant import episodes
+from yawrate_env.plants import sopdt
 
 TOKEN = "a-token"
 HOME = f"http://127.0.0.1:80/{TOKEN}/"
@@ -112,7 +117,7 @@ def test_an_upload_that_breaks_off_leaves_nothing():
 def test_a_log_is_answered_as_by_the_command(client, log):
     told = client.post(f"logs/{log}/answer", json={}).json()
     assert told["answer"] == tuned(EXAMPLE, "ts-ff-lag-vx")
-    assert told["exports"] == ["report", "json", "c", "matlab"]
+    assert told["exports"] == ["report", "json", "c", "matlab", "st"]
     kinds = {}
     for target in told["exports"]:
         sent = client.get(f"logs/{log}/files/{target}")
@@ -269,3 +274,24 @@ def test_it_listens_on_this_machine_alone(running):
     with pytest.raises(OSError):
         socket.create_connection((outside, port), timeout=1)
     socket.create_connection(("127.0.0.1", port), timeout=1).close()
+
+
+def test_a_tuner_of_ones_own_is_the_default_and_offers_its_controllers(tmp_path):
+    plant = sopdt(controller="PIDF", experiment={"N": 300, "signals": ["heater [%]", "level [m]"]})
+    path = tmp_path / "heater.tuner"
+    Tuner(plant, GrayBox(), {"name": "gray-box"}).save(path)
+    y = episodes.recorded(plant, "test", 0, 1).y[0]
+    time = np.arange(len(y)) * plant.Ts
+    rows = np.column_stack([time, plant.u, y])
+    lines = (",".join(map(repr, row)) for row in rows.tolist())
+    text = "\n".join(["time [s],heater [%],level [m]", *lines])
+    with TestClient(application(TOKEN, (str(path),)), base_url=HOME) as opened:
+        offered = opened.get("choices").json()
+        assert offered["default"] == offered["tuners"][0] == str(path)
+        told = added(opened, text.encode())
+        assert "error" not in told and "heater.tuner" in told["command"] and told["loop"] == {}
+        found = opened.post(f"logs/{told['number']}/answer", json={}).json()
+        assert set(found["answer"]["gains"]) == {"kp", "Ti", "Td", "Tf"}
+        assert found["exports"] == ["report", "json"]  # its limits are not known
+        report = opened.get(f"logs/{told['number']}/report").text
+        assert "<option>2DOF</option>" in report and "Time constant of the loop" in report

@@ -1,10 +1,14 @@
 """The report in Chromium: sliders, keyboard, hover, themes, print, narrow screens."""
 
+import re
+
 import pytest
 from browsing import barriers, needs_chromium
 from command import log_of, result_of
 
 from tuners.cli.report import write_report
+from tuners.export import DigitalPID
+from yawrate_env.vehicle.yaw_rate import COMMAND_LIMITS
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 
@@ -55,11 +59,44 @@ def test_it_opens_with_the_answer_and_sliders_move_it(page):
 def test_buttons_copy_or_offer_the_text(page):
     page.get_by_label("Controller").select_option("PID")
     assert "Td" in told(page, "gains")
-    assert not page.get_by_role("button", name="Copy C", exact=True).is_visible()
+    assert not page.get_by_role("button", name="Copy command").is_visible()  # it gives a PI
     page.get_by_label("Controller").select_option("PI")
+    page.evaluate(COPIED)
     page.get_by_role("button", name="Copy C", exact=True).click()
-    page.wait_for_function("document.querySelector('[data-copied]').textContent !== ''")
-    assert "@" not in page.locator("[data-text]").input_value()
+    text = page.wait_for_function("window.copied").json_value()
+    kp, Ti = result_of("vehicle").gains.values()
+    assert "@" not in text and number_of(text, "STEP") == pytest.approx(kp * 0.01 / Ti)
+    page.evaluate("() => { navigator.clipboard.writeText = () => Promise.reject(1); }")
+    page.get_by_role("button", name="Copy gains").click()
+    page.wait_for_function("!document.querySelector('[data-text]').hidden")
+    assert page.locator("[data-text]").input_value() == told(page, "gains")
+
+
+COPIED = """Object.defineProperty(navigator, "clipboard", {
+    value: {writeText: async (text) => { window.copied = text; }}})"""
+
+
+def number_of(text, name):
+    return float(re.search(rf"\b{name} = (-?[\d.e+-]+\d)", text)[1])
+
+
+def test_copied_c_has_the_numbers_of_the_export(page):
+    page.evaluate(COPIED)
+    for kind in ("P", "PIDF", "PI-D", "2DOF", "lead-lag"):
+        page.get_by_label("Controller").select_option(kind)
+        page.evaluate("window.copied = null")
+        page.get_by_role("button", name="Copy C", exact=True).click()
+        same_numbers(kind, page.wait_for_function("window.copied").json_value())
+
+
+def same_numbers(kind, text):
+    """A program's constants are those of its gains."""
+    gains = (number_of(text, name) for name in ("Kp", "Ki", "Kd", "Tf", "b", "c"))
+    of = DigitalPID(kind, *gains, 0.01, *COMMAND_LIMITS)
+    numbers = {"KP": of.Kp, "HALF": of.half, "STEP": of.step, "DECAY": of.decay, "RATE": of.rate,
+               "TRACKING": of.tracking, "REST": 1 - of.b, "LEFT": 1 - of.c, "LOW": of.low,
+               "LARGEST": of.largest, "BEYOND": of.beyond}  # fmt: skip
+    assert {name: number_of(text, name) for name in numbers} == pytest.approx(numbers, abs=1e-12)
 
 
 def test_axe_finds_nothing_serious_at_rest_or_moved(page):

@@ -35,24 +35,37 @@ POINTS = 1500
 
 EVERYTHING = -1e300, 1e300
 
+CONTROLLERS = {"c": ".zip", "matlab": ".m", "st": ".st"}
+"""Targets of a controller, and the ends of their files' names."""
+
 tuner_called = cache(load_tuner)
 
 
-def choices() -> dict[str, Any]:
-    """What the form offers, once everything that an answer needs was imported."""
-    tuner_called(DEFAULT)
-    return {"tuners": list(tuners.NAMES), "default": DEFAULT}
+def choices(own: tuple[str, ...] = ()) -> dict[str, Any]:
+    """What the form offers, once everything that an answer needs was imported.
+
+    Parameters
+    ----------
+    own : tuple of str
+        Files of the user's tuners; the first is the default.
+    """
+    default = (*own, DEFAULT)[0]
+    tuner_called(default)
+    return {"tuners": [*own, *tuners.NAMES], "default": default}
 
 
-def understood(upload: Upload, form: Mapping[str, Any]) -> dict[str, Any]:
+def understood(
+    upload: Upload, form: Mapping[str, Any], own: tuple[str, ...] = ()
+) -> dict[str, Any]:
     """Columns, roles, units, notes and the plot; and an error where the log cannot be used so."""
+    form = _with_default(form, own)
     try:
         table = _table(upload)
         told: dict[str, Any] = {"name": upload.name, "columns": list(table.names)}
     except ERRORS as error:
         return {"name": upload.name, "columns": [], "error": _said(error, upload)}
     try:
-        options, _, chosen, changes = parsed(form, tuners.NAMES)
+        options, _, chosen, changes = parsed(form, (*own, *tuners.NAMES))
         told["command"] = command_line(form, upload.name)
         told["tuner"], trained, log = tuner_for(table, options, chosen, tuner_called)
         told["loop"] = _loop(trained.plant.loop_target)
@@ -71,11 +84,12 @@ def understood(upload: Upload, form: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def answered(upload: Upload, form: Mapping[str, Any]) -> dict[str, Any]:
+def answered(upload: Upload, form: Mapping[str, Any], own: tuple[str, ...] = ()) -> dict[str, Any]:
     """Tune, and keep the result for the report and the exports."""
+    form = _with_default(form, own)
     upload.answer = None
     try:
-        options, start, chosen, changes = parsed(form, tuners.NAMES)
+        options, start, chosen, changes = parsed(form, (*own, *tuners.NAMES))
         name, trained, log = tuner_for(_table(upload), options, chosen, tuner_called)
         result = for_loop(
             trained, changes, lambda tuner: tuned(tuner, log, start, options.input_scale)
@@ -96,17 +110,22 @@ def exported(upload: Upload, target: str) -> tuple[str, bytes]:
         return ".html", answer.report.encode()
     if target == "json":
         return ".json", json.dumps(answer.json, indent=1, allow_nan=False).encode()
-    if target not in ("c", "matlab"):
+    if target not in CONTROLLERS:
         raise KeyError(target)
     with TemporaryDirectory() as folder:
-        files = export(answer.result, target, Path(folder) / "yaw_pi.m")
-        if target == "matlab":
-            return ".m", files[0].read_bytes()
+        files = export(answer.result, target, Path(folder) / "controller")
+        if target != "c":
+            return CONTROLLERS[target], files[0].read_bytes()
         packed = io.BytesIO()
         with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
             for file in files:
                 archive.write(file, file.name)
         return ".zip", packed.getvalue()
+
+
+def _with_default(form: Mapping[str, Any], own: tuple[str, ...]) -> Mapping[str, Any]:
+    """The form with the first of the user's tuners where it chooses none."""
+    return {**form, "tuner": own[0]} if own and not form.get("tuner") else form
 
 
 def _table(upload: Upload) -> Table:
@@ -186,7 +205,7 @@ def thinned(t: Array, x: Array, count: int) -> tuple[Array, Array]:
 def _exports(result: Result) -> list[str]:
     """Targets that these gains allow."""
     targets = ["report", "json"]
-    for target in ("c", "matlab"):
+    for target in CONTROLLERS:
         try:
             with TemporaryDirectory() as folder:
                 export(result, target, Path(folder) / "controller")

@@ -4,10 +4,11 @@ import secrets
 import socket
 import threading
 import webbrowser
+from pathlib import Path
 
 import click
 
-from tuners.cli.arguments import example
+from tuners.cli.arguments import READABLE, example
 
 HOST = "127.0.0.1"
 
@@ -19,8 +20,16 @@ HOST = "127.0.0.1"
     default=0,
     help="Port to listen on. [default: one that is free]",
 )
+@click.option(
+    "--tuner",
+    "own",
+    type=READABLE,
+    multiple=True,
+    help="A tuner of your own, for any plant and controller, beside those of the package; it is "
+    "the page's default.  Several may be given.",
+)
 @click.option("--no-browser", is_flag=True, help="Print the address and open no browser.")
-def command(port: int, no_browser: bool) -> None:
+def command(port: int, own: tuple[Path, ...], no_browser: bool) -> None:
     """Open a page on this machine: drop LOGs, choose, and see the report.
 
     The page shows columns and units as they were understood, lets you change them, choose the
@@ -43,7 +52,7 @@ def command(port: int, no_browser: bool) -> None:
         if not no_browser:  # a browser in the terminal returns when it is closed
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
         config = uvicorn.Config(
-            application(token),
+            application(token, tuple(map(str, own))),
             http="h11",
             ws="none",
             lifespan="on",

@@ -7,7 +7,7 @@
 ``POST /logs/1``             the form; how the log is understood with it
 ``POST /logs/1/answer``      the form; the answer
 ``GET /logs/1/report``       the answer's report
-``GET /logs/1/files/json``   a file: ``report``, ``json``, ``c`` or ``matlab``
+``GET /logs/1/files/json``   a file: ``report``, ``json``, ``c``, ``matlab`` or ``st``
 ``DELETE /logs/1``           forget the log
 ===========================  ==========================================================
 
@@ -56,8 +56,14 @@ REPORT_POLICY = (
 """The report is one file with scripts of its own and must not reach this server."""
 
 
-def application(token: str) -> Starlette:
-    """The server for one run; its logs are gone when it ends."""
+def application(token: str, own: tuple[str, ...] = ()) -> Starlette:
+    """The server for one run; its logs are gone when it ends.
+
+    Parameters
+    ----------
+    own : tuple of str
+        Files of tuners that the page offers beside those of the package; the first is the default.
+    """
     routes = [
         *(Route(f"/{name}", _page(*source)) for name, source in PAGE.items()),
         Route("/choices", _choices),
@@ -68,7 +74,7 @@ def application(token: str) -> Starlette:
         Route("/logs/{number:int}/report", _report),
         Route("/logs/{number:int}/files/{target:str}", _file),
     ]
-    return Starlette(
+    server = Starlette(
         routes=[Mount("/{token}", routes=routes)],
         middleware=[
             Middleware(TrustedHostMiddleware, allowed_hosts=HOSTS, www_redirect=False),
@@ -82,6 +88,8 @@ def application(token: str) -> Starlette:
         },
         lifespan=_lifespan,
     )
+    server.state.own = own
+    return server
 
 
 @asynccontextmanager
@@ -117,25 +125,27 @@ def _page(package: str, file: str, kind: str) -> Callable[[Request], Any]:
 
 
 async def _choices(request: Request) -> Response:
-    return JSONResponse(await _work(request, lambda answers: answers.choices()))
+    own = request.app.state.own
+    return JSONResponse(await _work(request, lambda answers: answers.choices(own)))
 
 
 async def _upload(request: Request) -> Response:
     uploads: Uploads = request.app.state.uploads
     name = request.query_params.get("name", "")
     number, upload = await uploads.add(name, request.stream())
-    told = await _work(request, lambda answers: answers.understood(upload, {}))
+    own = request.app.state.own
+    told = await _work(request, lambda answers: answers.understood(upload, {}, own))
     return JSONResponse({"number": number, **told})
 
 
 async def _understood(request: Request) -> Response:
-    upload, form = _log(request), await _form(request)
-    return JSONResponse(await _work(request, lambda answers: answers.understood(upload, form)))
+    upload, form, own = _log(request), await _form(request), request.app.state.own
+    return JSONResponse(await _work(request, lambda answers: answers.understood(upload, form, own)))
 
 
 async def _answered(request: Request) -> Response:
-    upload, form = _log(request), await _form(request)
-    return JSONResponse(await _work(request, lambda answers: answers.answered(upload, form)))
+    upload, form, own = _log(request), await _form(request), request.app.state.own
+    return JSONResponse(await _work(request, lambda answers: answers.answered(upload, form, own)))
 
 
 async def _remove(request: Request) -> Response:

@@ -54,7 +54,8 @@ from tuners.export import TARGETS, Gains, export
     type=click.Choice(TARGETS),
     default="c",
     show_default=True,
-    help="C99 source with tests, a MATLAB script, JSON, or an ONNX graph.",
+    help="C99 source with tests, a MATLAB script, a function block in IEC 61131-3 structured "
+    "text, JSON, or an ONNX graph.",
 )
 @click.option(
     "-o",
@@ -70,8 +71,8 @@ def command(
 ) -> None:  # fmt: skip
     """Write a controller, or a tuner, for another program.
 
-    Controllers in C or MATLAB are PI controllers; other gains go to JSON.  Gains --kp and
-    --Ti are those of --vehicle.
+    Controllers from P to 2DOF, lead-lag and state feedbacks go to c, matlab, st and json, other
+    gains to json.  Gains --kp and --Ti are those of --vehicle.
     """
     given = (kp, ti) != (None, None), result is not None, tuner is not None
     if tuner is None and target == "onnx":

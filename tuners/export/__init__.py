@@ -1,4 +1,4 @@
-"""Write gains and tuners for other programs: C, MATLAB, JSON and ONNX.
+"""Write gains and tuners for other programs: C, MATLAB, structured text, JSON and ONNX.
 
 ========  ==============================  ===========================================
 target    source                          written
@@ -10,7 +10,9 @@ c         tuner with Laguerre features    the same for both of its stages, from 
           and a network                   to gains
 c         tuner with Laguerre features,   the same for its first stage
           ``features=True``
-matlab    gains of a PI                   a script
+matlab    gains of a controller           a script: ``pid``, ``pidstd``, ``pid2``, ``tf`` or
+                                          ``ss``, and a function for every sample
+st        gains of a controller           a function block of IEC 61131-3 structured text
 json      gains of a controller with      one object, the controller in every form
           its limits
 json      other gains                     one object, the gains by name
@@ -35,7 +37,6 @@ from tuners.export.digital_state_feedback import DigitalStateFeedback
 from tuners.export.documents import (
     gains_text,
     json_text,
-    matlab_script,
 )
 from tuners.export.features_program import features_program
 from tuners.export.gains import Gains, plant_settings
@@ -45,6 +46,12 @@ from tuners.export.pi_program import pi_program
 from tuners.export.pid_program import pid_program, state_feedback_program
 from tuners.export.programs import REALS
 from tuners.export.schedule_program import GainTable, schedule_program
+from tuners.export.scripts import (
+    matlab_script,
+    pid_block,
+    state_feedback_block,
+    state_feedback_script,
+)
 from tuners.export.tuner_program import first_stage_program, tuner_program
 from tuners.tuner.schedule import Schedule
 from tuners.tuner.tuner import Tuner
@@ -68,15 +75,18 @@ __all__ = [
     "matlab_script",
     "onnx_model",
     "pi_program",
+    "pid_block",
     "pid_program",
     "plant_settings",
     "schedule_program",
+    "state_feedback_block",
     "state_feedback_program",
+    "state_feedback_script",
     "tuner_program",
     "write_schedule",
 ]
 
-TARGETS = ("c", "matlab", "json", "onnx")
+TARGETS = ("c", "matlab", "st", "json", "onnx")
 
 
 def export(
@@ -95,8 +105,9 @@ def export(
     Parameters
     ----------
     source : Result, Gains, (kp, Ti) or Tuner
-        What to export: targets ``matlab`` and ``json`` take gains, ``onnx`` a tuner, ``c`` both.
-    target : {"c", "matlab", "json", "onnx"}
+        What to export: targets ``matlab``, ``st`` and ``json`` take gains, ``onnx`` a tuner, ``c``
+        both.
+    target : {"c", "matlab", "st", "json", "onnx"}
         Language of the files.
     path : path
         File to write; for ``c`` the folder, made if it is missing.
@@ -109,7 +120,7 @@ def export(
         Least and largest command of the controller, in its own unit; by default the plant's
         ``command_limits``.  Of several PI loops ``((low, high), ...)``, a pair for each input.
     real : {"double", "float"}
-        Numbers of the controller in C.
+        Numbers of the controller in C, or LREAL and REAL in structured text.
     features : bool
         Cut a tuner at its features: ``c`` ends there, and the ``onnx`` graph begins there,
         for other inputs than that of the tuner's experiment.
@@ -133,16 +144,14 @@ def export(
         files = first_stage_program(source) if features else tuner_program(source)
         return _write_all(where, files)
     gains = Gains.of(source, plant)
-    if target == "matlab":
-        text = matlab_script(gains.pi(Ts, limits))
-    elif target == "json" and limits is None and (gains.limits is None or gains.refusal):
+    if target == "json" and limits is None and (gains.limits is None or gains.refusal):
         text = gains_text(gains, Ts)
     else:
         form = form_of(gains)
         controller = form.make(gains, Ts, limits)
         if target == "c":
             return _write_all(where, form.program(controller, real=real))
-        text = form.document(controller, gains)
+        text = form.text(target, controller, gains, real)
     write_text(where, text)
     return [where]
 

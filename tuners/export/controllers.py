@@ -1,4 +1,4 @@
-"""How controllers are written in C and JSON.
+"""How controllers are written in C, JSON, MATLAB and structured text.
 
 A table has one record for each controller, under the name that plants and results give it
 (`yawrate_env.loop.controllers`).  To write a further controller, add its record.
@@ -14,6 +14,14 @@ from tuners.export.gains import Gains
 from tuners.export.loops_program import Loop, program_of
 from tuners.export.pi_program import pi_program
 from tuners.export.pid_program import pid_program, state_feedback_program
+from tuners.export.scripts import (
+    matlab_script,
+    pi_block,
+    pi_script,
+    pid_block,
+    state_feedback_block,
+    state_feedback_script,
+)
 from yawrate_env.loop.controllers import CONTROLLERS
 from yawrate_env.loop.state_feedback import STATE_FEEDBACK
 
@@ -30,11 +38,23 @@ class Form:
         ``program(controller, real=real)``: its C99 files, by name.
     document : callable
         ``document(controller, gains)``: JSON.
+    script : callable
+        ``script(controller)``: MATLAB.
+    block : callable
+        ``block(controller, real=real)``: a function block in structured text.
     """
 
     make: Callable[[Gains, float | None, Any], Any]
     program: Callable[..., dict[str, str]]
     document: Callable[[Any, Gains], str]
+    script: Callable[[Any], str]
+    block: Callable[..., str]
+
+    def text(self, target: str, controller: Any, gains: Gains, real: str) -> str:
+        """The controller for a target of one file."""
+        if target == "json":
+            return self.document(controller, gains)
+        return self.block(controller, real=real) if target == "st" else self.script(controller)
 
 
 def form_of(gains: Gains) -> Form:
@@ -61,13 +81,23 @@ def _no_text(loops: list[Loop], gains: Gains) -> str:
     raise ValueError(gains.refusal)
 
 
-_LOOPS = Form(_loops, program_of, _no_text)
-_PI = Form(Gains.pi, pi_program, _pi_text)
+def _no_script(loops: list[Loop], real: str = "double") -> str:
+    raise ValueError(
+        "targets matlab and st are for one controller. Export several loops to target c."
+    )
+
+
+_LOOPS = Form(_loops, program_of, _no_text, _no_script, _no_script)
+_PI = Form(Gains.pi, pi_program, _pi_text, pi_script, pi_block)
+_PID = Form(Gains.pid, pid_program, pid_text, matlab_script, pid_block)
 
 FORMS = {
-    **dict.fromkeys(CONTROLLERS, Form(Gains.pid, pid_program, pid_text)),
+    **dict.fromkeys(CONTROLLERS, _PID),
     "": _PI,
     "PI": _PI,
-    STATE_FEEDBACK: Form(Gains.state_feedback, state_feedback_program, state_feedback_text),
-}
+    STATE_FEEDBACK: Form(
+        Gains.state_feedback, state_feedback_program, state_feedback_text, state_feedback_script,
+        state_feedback_block,
+    ),
+}  # fmt: skip
 """By the controller's name; where it is not known, gains kp and Ti are a PI's."""

@@ -15,6 +15,7 @@ finite, or a reference beyond `beyond`, holds the last output.
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,9 @@ from tuners.export.digital import (
     check_single,
     units,
 )
+from tuners.export.digital_pi import DigitalPI
 from yawrate_env import validation
+from yawrate_env.loop.parallel import Parallel
 
 Array = NDArray[np.float64]
 
@@ -76,6 +79,19 @@ class DigitalPID:
         check_limits(self.low, self.high, self.units[0])
         validation.number("Kp + Ki Ts", self.Kp + self.step, above=0.0, remedy=remedy)
         check_single(self, (), ("Kp", "half", "step", "rate", "tracking", "largest"))
+
+    @classmethod
+    def of_pi(cls, pi: DigitalPI) -> Self:
+        """A PI, which sees reference and measurement instead of their difference."""
+        kp, Ki, limits = pi.kp, pi.kp / pi.Ti, (pi.low, pi.high)
+        return cls("PI", kp, Ki, 0.0, pi.Ts / 2, 1.0, 1.0, pi.Ts, *limits, pi.signals)
+
+    def difference_equation(self) -> tuple[list[float], list[float], list[float]]:
+        """(b_r, b_y, a) of ``sum a[i] u[k-i] = sum b_r[i] r[k-i] - sum b_y[i] y[k-i]``."""
+        Kp, Ki, Kd, Tf, b, c = np.array([[self.Kp, self.Ki, self.Kd, self.Tf, self.b, self.c]]).T
+        made = Parallel(Kp, Ki, Kd, Tf, b, c, integrates=self.Ki != 0, derives=self.Kd != 0)
+        reference, output, command = made.compensator(self.Ts).in_z(self.Ts)
+        return reference[0].tolist(), output[0].tolist(), command[0].tolist()
 
     @property
     def units(self) -> tuple[str, str]:

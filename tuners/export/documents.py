@@ -1,4 +1,4 @@
-"""Controllers as JSON, a PI as a MATLAB script, too, and other gains as JSON."""
+"""Controllers and other gains as JSON."""
 
 import json
 from dataclasses import asdict
@@ -12,15 +12,8 @@ from tuners.export.digital_pid import DigitalPID
 from tuners.export.digital_state_feedback import DigitalStateFeedback
 from tuners.export.forms import vendors_forms
 from tuners.export.gains import Gains, sampling_time
-from tuners.export.programs import render
 
 FORMAT, GAINS_FORMAT, VERSION = "yawrate-controller", "yawrate-gains", 1
-
-
-def matlab_script(pi: DigitalPI) -> str:
-    """A script that defines the controller `pi` as ``tf`` and as difference equation."""
-    b, a = pi.difference_equation()
-    return render("pi.m", {"pi": pi, "b": b, "a": a})
 
 
 def json_text(pi: DigitalPI) -> str:

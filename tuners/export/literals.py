@@ -1,4 +1,4 @@
-"""Numbers and names as C writes them."""
+"""Numbers and names as C and structured text write them."""
 
 import re
 from collections.abc import Iterable
@@ -23,6 +23,18 @@ def number(value: float, real: str = "double") -> str:
     if not set(digits) & set(".e"):
         digits += ".0"
     return digits + ("f" if real == "float" else "")
+
+
+def iec(value: float, real: str = "double") -> str:
+    """The same as a real literal of IEC 61131-3, which needs a point."""
+    text = number(value, real).removesuffix("f")
+    mantissa, e, exponent = text.partition("e")
+    return (mantissa if "." in mantissa else f"{mantissa}.0") + (e and f"E{int(exponent)}")
+
+
+def remark(text: str) -> str:
+    """As `comment`, for ``(* *)``."""
+    return comment(text).replace("*)", "* )").replace("(*", "( *")
 
 
 def sample(value: float, real: str = "double") -> str:

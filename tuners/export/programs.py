@@ -93,7 +93,7 @@ def _environment() -> Any:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    for function in (literals.comment, literals.digits, literals.number, literals.rows,
-                     literals.table):  # fmt: skip
+    for function in (literals.comment, literals.digits, literals.iec, literals.number,
+                     literals.remark, literals.rows, literals.table):  # fmt: skip
         environment.filters[function.__name__] = function
     return environment

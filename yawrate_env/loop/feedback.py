@@ -49,6 +49,24 @@ class Compensator:
         top = np.stack([n1, n0], axis=1)
         return cls(top, top, np.stack([np.ones_like(d0), d0], axis=1))
 
+    def in_z(self, Ts: float) -> tuple[Array, Array, Array]:
+        """N_r, N_y and D in powers of z, highest first, of sampling time `Ts` [s]; D[:, 0] = 1.
+
+        They are the coefficients of the difference equation, too.
+        """
+        found = []
+        for polynomial in (self.reference, self.output, self.denominator):
+            total = np.zeros_like(polynomial)
+            for coefficient in polynomial.T:  # Horner's rule: times (z - 1)/Ts, plus the next
+                moved = np.zeros_like(total)
+                moved[:, :-1] = total[:, 1:]
+                total = (moved - total) / Ts
+                total[:, -1] += coefficient
+            found.append(total)
+        reference, output, denominator = found
+        first = denominator[:, :1]
+        return reference / first, output / first, denominator / first
+
     def around(self, plant: TransferFunction) -> TransferFunction:
         """Open loops ``N_y/D`` times plant."""
         return TransferFunction(self.output, self.denominator, plant.Ts) * plant

@@ -10,7 +10,7 @@ const UNITS = {
   output: ["rad/s", "deg/s"],
   speed: ["m/s", "km/h", "mph"],
 };
-const EXPORTS = { report: "Report (HTML)", json: "Answer (JSON)", c: "Controller in C (ZIP)", matlab: "Controller in MATLAB" };
+const EXPORTS = { report: "Report (HTML)", json: "Answer (JSON)", c: "Controller in C (ZIP)", matlab: "Controller in MATLAB", st: "Controller in structured text" };
 const VERDICTS = { usable: "usable", usable_with_care: "usable with care", refuse: "refused" };
 const find = (name, inside = document) => inside.querySelector(name);
 const logs = [];

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.cli.report.model import Model
+from tuners.cli.report.programs import programs
 from tuners.cli.text import displayed, gain_units, ratio, unit_of
-from tuners.export import literals
-from tuners.export.gains import Gains
-from tuners.export.pi_program import pi_program
 from tuners.logs import Log
 from tuners.tuner.result import Result
 from tuners.tuner.spline import slopes
@@ -45,11 +43,12 @@ def live(result: Result, log: Log, tuner: str) -> dict[str, Any] | None:
     own = sliders.choices[0].controller
     command = ["yawrate", "tune", log.source or "LOG", "--tuner", tuner]
     slowest, fastest = model.range
+    ((input, _),), ((output, _),) = displayed(plant)
     return {
-        "names": {"output": displayed(plant)[1][0][0]},
+        "names": {"output": output, "command": unit_of(input)},
         "texts": {
             "command": shlex.join(command) if plant.loop_target else None,
-            "c": _program(result),
+            "c": programs(result, (one.controller.name for one in sliders.choices)),
         },
         "Ts": target.Ts,
         "omega": _rounded(model.omega),
@@ -177,10 +176,10 @@ def _pace(asked: Asked | None, shaped: bool) -> dict[str, Any] | None:
     return {"slider": "asked", "steps": asked.faster * A_HALF_FASTER}
 
 
-def _intervals(result: Result) -> dict[str, tuple[float, float]]:
-    """Those of the metrics, by name without unit, as far as the recording tells them."""
+def _intervals(result: Result) -> dict[str, tuple[float, float] | None]:
+    """Those of the metrics, by name without unit; None where the recording does not tell."""
     found = {split(name)[0]: (one.low, one.high) for name, one in result.intervals.items()}
-    return {name: ends for name, ends in found.items() if np.isfinite(ends).all()}
+    return {name: ends if np.isfinite(ends).all() else None for name, ends in found.items()}
 
 
 def _spline(omega: Array, values: Array) -> dict[str, list[float]]:
@@ -222,22 +221,6 @@ def _doubt(result: Result) -> list[list[float]] | None:
     if found is None or found.size > _MOST_NUMBERS:
         return None
     return [_rounded(row, _FEWER_DIGITS) for row in found]
-
-
-def _program(result: Result) -> str | None:
-    """The C program of a PI with ``@NAME@`` for its numbers; None where it cannot be written."""
-    try:
-        pi = Gains.of(result).pi()
-    except ValueError:
-        return None
-    header, source, _ = pi_program(pi).values()
-    text = header + source
-    for name in ("gain", "step", "tracking"):
-        text = text.replace(f"= {literals.number(getattr(pi, name))};", f"= @{name.upper()}@;")
-    for name in ("kp", "Ti"):
-        value = literals.digits(getattr(pi, name))
-        text = text.replace(f"{name} = {value}", f"{name} = @{name.upper()}@")
-    return text
 
 
 def _rounded(values: Array, digits: int = _DIGITS) -> list[float]:

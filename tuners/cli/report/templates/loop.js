@@ -319,7 +319,7 @@ const Loop = (() => {
     return found.turns > Math.PI * (model.unstable + integrators / 2 - 0.75);
   }
 
-  return {bode, controller, design, deviations, differences, halfWidths, loop, margins, overOmega, responses, spread, stable};
+  return {bode, controller, design, deviations, differences, halfWidths, loop, margins, overOmega, parallel, responses, spread, stable};
 })();
 
 if (typeof module !== "undefined") module.exports = Loop;

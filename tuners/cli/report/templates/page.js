@@ -29,10 +29,15 @@
     return C && {...C, kind: position.kind};
   }
 
-  function evaluated(C) {
+  /* Samples that four periods of a loop's crossover take. */
+  function horizon(C) {
+    const {crossover} = Loop.margins(model, C, state.delay);
+    const period = 1 / (Number.isFinite(crossover) ? crossover : model.crossover);
+    return Math.min(model.pulse.length, Math.max(Math.round(4 * period / Ts) + 1, 50));
+  }
+
+  function evaluated(C, samples) {
     const found = Loop.margins(model, C, state.delay);
-    const crossover = Number.isFinite(found.crossover) ? found.crossover : model.crossover;
-    const samples = Math.min(model.pulse.length, Math.max(Math.round(4 / crossover / Ts) + 1, 50));
     const drawn = Loop.responses(model, C, state.delay, samples);
     return {C, found, drawn, stable: Loop.stable(model, C, found, drawn), spread: Loop.spread(model, C, state.delay, found)};
   }
@@ -115,7 +120,7 @@
   const hertz = model.omega.map((w) => w / (2 * Math.PI));
 
   function bode(name, label, unit, level, at, scale, bottom) {
-    return chart(name, 190, {
+    return chart(name, 230, {
       bands: [{series: [3, 2], ...BAND}],
       scales: {x: {...frequency, range: () => [hertz[0], hertz[hertz.length - 1]]}, y: scale},
       cursor: {sync: {key: SYNC.key}, drag: {x: false, y: false}}, hooks: marks(level, at),
@@ -184,6 +189,15 @@
 
   const edges = (values, half) => [-1, 1].map((sign) => values.map((v, i) => (v != null && half && Number.isFinite(half[i]) ? v + sign * half[i] : null)));
 
+  /* Samples after which both responses stay within 2 % of their ends, and half as many again. */
+  function shownUntil({step, disturbance}) {
+    const settled = [step, disturbance].map((values) => {
+      const end = values[values.length - 1], size = values.reduce((most, v) => Math.max(most, Math.abs(v)), 0);
+      return Number.isFinite(end) ? values.findLastIndex((v) => Math.abs(v - end) > 0.02 * size) : step.length;
+    });
+    return Math.min(step.length, Math.max(Math.round(1.5 * Math.max(...settled)), Math.round(step.length / 4)));
+  }
+
   function draw(others) {
     const values = Loop.overOmega(model, now.C, state.delay), grid = Loop.bode(values);
     const known = hertz.map((f) => Loop.deviations(model, f));
@@ -194,7 +208,7 @@
     const points = values.filter(([re, im]) => Math.hypot(re, im) < 20);
     plots.nyquist.setData([null, [points.map((p) => p[0]), points.map((p) => p[1])], circle(0, 0, 1),
       circle(-1, 0, now.found.modulusMargin), circle(-1, 0, 0.01)]);
-    const time = Array.from(now.drawn.step, (_, k) => k * Ts);
+    const time = Array.from({length: shownUntil(now.drawn)}, (_, k) => k * Ts);
     const shown = (values) => time.map((_, k) => (Number.isFinite(values[k]) ? values[k] : null));
     const half = now.stable ? Loop.halfWidths(model, now.C, state.delay, time.length) : null;
     for (const name of ["step", "disturbance"]) {
@@ -205,10 +219,11 @@
 
   /* Text */
   function interval(metric, value, spread, factor, n) {
-    const half = factor * spread;
-    const ends = untouched() ? start.intervals[metric] : Number.isFinite(half) ? [value - half, value + half] : null;
+    const half = factor * spread, own = untouched() ? start.intervals[metric] : undefined;
+    const ends = own || (!untouched() && Number.isFinite(half) ? [value - half, value + half] : null);
     if (ends) return `${fixed(ends[0], n)} to ${fixed(ends[1], n)}`;
-    return model.known && half !== undefined ? "the recording does not tell" : "";
+    const silent = untouched() ? own === null : spread !== undefined && model.known;
+    return silent ? "the recording does not tell" : "";
   }
 
   /* The signals of a controller and their coefficients: the error where reference and output share
@@ -224,8 +239,9 @@
     const {signals, b, command} = terms(C), of = (name, i) => `${name}[k${i ? `-${i}` : ""}]`;
     const past = command.slice(1).map((x, i) => [-x, of("u", i + 1)]);
     const inputs = signals.flatMap((name, j) => b[j].map((x, i) => [x, of(name, i)]));
-    const parts = [...past, ...inputs].filter(([x]) => x !== 0).map(([x, name]) => `${x < 0 ? "-" : "+"} ${Math.abs(x) === 1 ? "" : `${plain(Math.abs(x))} `}${name}`);
-    return `u[k] = ${parts.join(" ")}`.replace("= + ", "= ");
+    const all = [...past, ...inputs], least = 1e-12 * Math.max(...all.map(([x]) => Math.abs(x)));
+    const parts = all.filter(([x]) => Math.abs(x) > least).map(([x, name]) => `${x < 0 ? "-" : "+"} ${Math.abs(x) === 1 ? "" : `${plain(Math.abs(x))} `}${name}`);
+    return `u[k] = ${parts.join(" ")}`.replace("= + ", "= ").replace("= - ", "= -");
   }
 
   function gainText(C, n) {
@@ -238,11 +254,23 @@
     return signals.length === 1 ? `C = ${parts[0]};` : `C = [${parts.join(", ...\n     ")}];  % u from [${signals.join("; ")}]`;
   }
 
+  /* The constants of the C programs of yawrate export, by their names in these. */
+  function constants(C) {
+    const {Kp, Ki, Kd, Tf, b, c} = Loop.parallel(C.gains, kindOf(C).c, Ts), [low, high] = texts.c.limits;
+    const half = Ki * Ts / 2, step = Ki * Ts, rate = 2 * Kd / (2 * Tf + Ts), Ti = Kp / Ki, Td = Kd / Kp;
+    const largest = 1e3 * (high - low) / Math.max(Kp + half + Math.abs(rate), step);
+    return {
+      ...C.gains, Kp, Ki, Kd, Tf, b, c, KP: Kp, HALF: half, STEP: step, GAIN: Kp + half, RATE: rate,
+      DECAY: Math.max((2 * Tf - Ts) / (2 * Tf + Ts), 0), REST: 1 - b, LEFT: 1 - c, LARGEST: largest,
+      TRACKING: Ki ? Ts / Math.max(Td > 0 ? Math.sqrt(Ti * Td) : Ti, Ts) : 0, BEYOND: Math.min(1e6 * largest, 3.4028234e38),
+    };
+  }
+
   function program(C) {
-    if (!texts.c || state.kind !== "PI") return null;
-    const {kp, Ti} = C.gains;
-    const values = {KP: kp, TI: Ti, GAIN: kp * (1 + Ts / (2 * Ti)), STEP: kp * Ts / Ti, TRACKING: Ts / Math.max(Ti, Ts)};
-    return texts.c.replace(/@(\w+)@/g, (_, name) => { const v = values[name].toPrecision(17); return /[.e]/.test(v) ? v : `${v}.0`; });
+    const text = texts.c && texts.c.texts[C.kind];
+    if (!text) return null;
+    const values = constants(C);
+    return text.replace(/@(\w+)@/g, (_, name) => { const v = values[name].toPrecision(17); return /[.e]/.test(v) ? v : `${v}.0`; });
   }
 
   const command = () => (texts.command && state.kind === start.kind
@@ -284,26 +312,26 @@
   const seconds = (value) => (value < 1 ? `${fixed(1e3 * value, 0)} ms` : `${plain(value, 3)} s`).replace(/^none.*/, "none");
 
   /* The loop at hand between a slower and a faster one; null beside it where the slider ends. */
-  function speeds() {
+  function speeds(samples) {
     if (!pace) return [];
     const slider = sliders[pace.slider], {min, max} = slider, at = state[pace.slider];
     return SPEEDS.map(([name, times]) => {
       const value = pace.factor ? at * pace.factor ** times : at + times * pace.steps;
       const place = slider.log ? Math.log(value) : value, within = place >= min - 1e-3 && place <= max + 1e-3;
       const C = !times ? chosen() : within ? chosen({...state, [pace.slider]: value}) : null;
-      return {name, asked: within ? withUnit(slider, value) : "", it: C && evaluated(C)};
+      return {name, asked: within ? withUnit(slider, value) : "", it: C && evaluated(C, samples)};
     });
   }
 
   const MARGINS = [
-    ["Phase margin", (it) => `${fixed(it.found.phaseMargin, 1)}°`, "phase_margin", (it) => [it.found.phaseMargin, it.spread[0], factors[0], 2]],
-    ["Crossover", (it) => `${plain(it.found.crossover, 3)} Hz`, "crossover", (it) => [it.found.crossover, it.spread[1], factors[1], 3 - Math.min(Math.floor(Math.log10(it.found.crossover)), 0)]],
-    ["Gain margin", (it) => `${fixed(it.found.gainMargin, 1)} dB`, "gain_margin", (it) => [it.found.gainMargin, undefined, NaN, 2]],
+    ["Phase margin", (it) => (Number.isFinite(it.found.phaseMargin) ? `${fixed(it.found.phaseMargin, 1)}°` : "none"), "phase_margin", (it) => [it.found.phaseMargin, it.spread[0], factors[0], 2]],
+    ["Crossover", (it) => (Number.isFinite(it.found.crossover) ? `${plain(it.found.crossover, 3)} Hz` : "none"), "crossover", (it) => [it.found.crossover, it.spread[1], factors[1], 3 - Math.min(Math.floor(Math.log10(it.found.crossover)), 0)]],
+    ["Gain margin", (it) => (Number.isFinite(it.found.gainMargin) ? `${fixed(it.found.gainMargin, 1)} dB` : "none"), "gain_margin", (it) => [it.found.gainMargin, undefined, NaN, 2]],
     ["Modulus margin", (it) => fixed(it.found.modulusMargin, 2), "modulus_margin", (it) => [it.found.modulusMargin, undefined, NaN, 3]],
     ["Largest sensitivity", (it) => fixed(1 / it.found.modulusMargin, 2), "Ms", (it) => [1 / it.found.modulusMargin, undefined, NaN, 3]],
     ["Delay margin", (it) => seconds(it.found.delayMargin), "delay_margin", (it) => [it.found.delayMargin, undefined, NaN, 3]],
-    ["Overshoot", (it) => `${fixed(100 * Math.max(overshoot(it.drawn.step), 0), 0)} %`, "overshoot", (it) => [0, undefined, NaN, 1]],
-    ["Largest command", (it) => plain(Math.max(...it.drawn.command.map(Math.abs)), 3), "", (it) => [0, undefined, NaN, 1]],
+    ["Overshoot", (it) => `${fixed(100 * Math.max(overshoot(it.drawn.step), 0), 0)} %`, "overshoot", () => [0, undefined, NaN, 1]],
+    ["Largest command", (it) => `${plain(it.drawn.command.reduce((most, u) => Math.max(most, Math.abs(u)), 0), 3)} ${names.command}`.trim(), "", () => [0, undefined, NaN, 1]],
   ];
 
   function show() {
@@ -322,8 +350,8 @@
       said();
       return;
     }
-    const three = speeds();
-    now = evaluated(C);
+    const samples = horizon(C), three = speeds(samples);
+    now = pace ? three[1].it : evaluated(C, samples);
     said();
     message.textContent = !now.stable ? "The loop is unstable."
       : C.limited ? `A ${state.kind} cannot supply the phase here: phase margin is given up.` : "";
@@ -331,7 +359,7 @@
     find("equation").textContent = equation(C);
     const rows = MARGINS.map(([name, text, metric, more]) => {
       const [value, spread, factor, digits] = more(now);
-      return [name, text(now), interval(metric, value, spread, spread === undefined ? undefined : factor, digits)];
+      return [name, text(now), metric ? interval(metric, value, spread, factor, digits) : "after the step"];
     });
     find("margins").replaceChildren(...rows.map((cells) => row(cells)));
     find("speeds").replaceChildren(...three.map(speedRow));
