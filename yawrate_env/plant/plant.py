@@ -158,7 +158,7 @@ class Plant(Experiment, Performance):
         For speed: ``record(theta, u, keys, out, written)``, simulation and noise in one, for inputs
         (1, N) or (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`; where `out`
         (B, N) is not None the outputs are written there, and ``written(i, j)`` is called, from any
-        thread, once episodes i to j are.
+        thread, once episodes i to j are.  No episode may depend on which others are asked for.
     sensitivity : Sensitivity, optional
         For speed: exact slopes of the output, with which its parameters are found from one start
         instead of several; by differences if omitted.
