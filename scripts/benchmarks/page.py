@@ -85,6 +85,9 @@ def _machine(name: str, result: dict[str, Any]) -> str:
                 for row in rows
             ],
         )  # fmt: skip
+        if "first" in rows[0]:
+            seconds = ", ".join(f"{row['first']:.2f}" for row in rows)
+            parts.append(f"The first time, with memory that the process never had: {seconds} s.\n")
     return "\n".join(parts)
 
 

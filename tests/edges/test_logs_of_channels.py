@@ -48,6 +48,35 @@ def test_channels_that_are_missing_or_still_are_named(tmp_path, recording, head,
         read_log(written(tmp_path / "log.csv", recording, head, **changes), plant)
 
 
+def test_a_column_of_another_name_is_named_by_its_channel(tmp_path, recording):
+    (tmp_path / "two.toml").write_text('[plant]\nentry = "two_by_two:plant"\n')
+    log = written(tmp_path / "log.csv", recording, HEAD.replace("steam", "valve"))
+    given = "tune", log, "--plant", tmp_path / "two.toml", "--json"
+    status, _, err = call(*given)
+    assert status == 1 and "steam" in err and "--column steam=" in err and err.count("\n") == 1
+    status, out, _ = call(*given, "--column", "steam=valve")
+    assert status == 0 and json.loads(out)["trusted"]
+    for wrong in ("steam=vent", "steel=valve", "steam"):
+        status, _, err = call(*given, "--column", wrong)
+        assert status == 2 and wrong.partition("=")[0] in err
+    status, _, err = call(*given[:4], "--tuner", "ts-ff-lag")
+    assert status == 2 and "--plant" in err
+
+
+def test_of_a_long_log_the_stretch_is_used_that_moves_all_inputs(tmp_path):
+    """In the first third one input stands still, then both move."""
+    u = np.concatenate([plant.u, plant.u, plant.u], axis=1)
+    u[1, :N] = 0.0
+    y = plant.respond(plant.middle, u)[0]
+    columns = [TS * np.arange(3 * N), *u, *y]
+    path = tmp_path / "long.csv"
+    head = "t,reflux,steam,top,bottom"
+    np.savetxt(path, np.stack(columns, axis=1), delimiter=",", header=head, comments="")
+    log = read_log(path, plant)
+    assert log.u.shape == (2, 2 * N) and log.t0 > 0.8 * N * TS
+    assert log.whole.inputs.shape[0] == 2
+
+
 def test_the_command_writes_the_inputs_and_answers_a_log(tmp_path, recording):
     (tmp_path / "two.toml").write_text('[plant]\nentry = "two_by_two:plant"\n')
     status, out, _ = call("excite", "--vehicle", tmp_path / "two.toml", "-o", tmp_path / "u.csv")
@@ -63,4 +92,5 @@ def test_the_command_writes_the_inputs_and_answers_a_log(tmp_path, recording):
     assert answer["gains"] == pytest.approx(right.gains, rel=1e-6)
     status, out, _ = call(*given, "--report", tmp_path / "r.html")
     assert status == 0 and "reflux" in out and "steam" in out
+    assert json.loads(call("tune", log, "--plant", tmp_path / "two.toml", "--json")[1]) == answer
     check_whole((tmp_path / "r.html").read_text(), pictures=2 + 2 * 3)

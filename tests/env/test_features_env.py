@@ -18,6 +18,7 @@ from tuners.agents.wrappers import (
     UnitAction,
     UnitVectorAction,
 )
+from tuners.features import laguerre
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
 from tuners.features.regularised import Regularised
@@ -56,6 +57,23 @@ def plain(**kwargs):
 
 def plain_batch(count=2, **kwargs):
     return gymnasium.make_vec(ENV_ID, num_envs=count, **SHORT | kwargs)
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["one input", "an input each"])
+def test_regressors_of_an_input_are_kept_from_episode_to_episode(monkeypatch, own):
+    env, passes = scalar(register="random" if own else "same"), []
+    env.reset(seed=0)
+    filtered, products = laguerre.filtered, laguerre.products
+    monkeypatch.setattr(laguerre, "filtered", lambda *a: (passes.append("filter"), filtered(*a)))
+    monkeypatch.setattr(
+        laguerre,
+        "products",
+        lambda a, b: (passes.extend(["gram"] * (a is b and len(a) > 0)), products(a, b))[1],
+    )
+    for _ in range(5):
+        env.step(np.zeros(2))
+        env.reset()
+    assert passes.count("filter") == passes.count("gram") == 5 * own
 
 
 def actions(count, seed):

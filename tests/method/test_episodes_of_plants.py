@@ -28,6 +28,18 @@ def test_episodes_do_not_depend_on_how_they_are_asked_for():
     assert noise.std() == pytest.approx(SIGMA, rel=0.02)
 
 
+def test_long_episodes_come_in_parts_of_blocks_and_are_the_same(monkeypatch):
+    asked = CARS, "test", 3, 60, 80
+    whole = list(episodes(*asked))
+    monkeypatch.setattr("yawrate_env.plant.episodes._OUTPUTS", 0)
+    parts = list(episodes(*asked))
+    assert [len(part) for part in whole] == [68, 12]
+    assert [len(part) for part in parts] == [4, 32, 32, 12]
+    for name in ("number", "theta", "y"):
+        one, other = (np.concatenate([getattr(p, name) for p in e]) for e in (whole, parts))
+        np.testing.assert_array_equal(one, other)
+
+
 def test_sets_share_no_episode_whatever_the_seeds():
     keys = {
         row.tobytes()

@@ -87,12 +87,14 @@ def test_commands_are_timed_beside_numpy():
 def test_growth_is_measured_in_a_fresh_process():
     found = stages.growth_in_fresh_process([10])
     assert [row["size"] for row in found["episodes"]] == [10]
+    assert all(row["first"] > 0 for row in found["samples"])
 
 
 def result():
     times = {"milliseconds": {"median": 2.0, "least": 1.0, "most": 3.0}}
     times["ratio"] = {"median": 1.0, "least": 1.0, "most": 1.0}
     row = {"size": 100, "count": 100, "seconds": 0.5, "megabytes": 200.0}
+    long = row | {"first": 0.75}
     return {
         "commit": "abc1234", "versions": {"numpy": "2"}, "batch": 64, "rounds": 2,
         "page_faults": {"64": 3.0}, "commands": {"yawrate tune": times}, "first_answer": 5.04,
@@ -101,7 +103,7 @@ def result():
             **{how: dict.fromkeys(stages.TUNERS, times) for how in stages.ANSWERS},
         },
         "first": {"import": {"cold": 1.0, "cached": 0.5}},
-        "growth": {"episodes": [row, row | {"size": 1000, "seconds": 5.0}], "samples": [row]},
+        "growth": {"episodes": [row, row | {"size": 1000, "seconds": 5.0}], "samples": [long]},
         "training": {"ts-ff": 3.0},
     }  # fmt: skip
 
@@ -116,6 +118,7 @@ def test_the_page_and_picture_have_all_that_was_measured():
     assert "| `yawrate tune` | 0.002 (0.001 to 0.003) | 1 (1 to 1) |" in text
     assert "| 1000 episodes | 100 | 5.00 | 50 | 200 |" in text
     assert "| import | 1.00 | 0.50 |" in text and "| ts-ff | 3.0 |" in text
+    assert text.count("never had: 0.75 s.") == 2
     assert "Not installed" in text and "pysib" in text
     picture = page.picture("a processor", result())
     assert isinstance(picture, Figure)

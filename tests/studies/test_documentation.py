@@ -156,6 +156,12 @@ def test_commands_run(page, folder):
                 assert code in (TRUSTED, UNTRUSTED), (line, err)
 
 
+def test_the_output_that_the_engineers_page_shows_is_the_commands(folder):
+    (shown,) = re.findall(r"```\n(log\.csv.*?)```", (DOCS / "start" / "engineer.md").read_text(),
+                          re.DOTALL)  # fmt: skip
+    assert call("tune", "examples/log.csv")[1].strip() == shown.strip()
+
+
 def anchors(page):
     """Of a page's headings, as GitHub and the site make them."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)

@@ -2,16 +2,19 @@
 
 import json
 import math
-from dataclasses import replace
+import re
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from recordings import ROOT
 
 from studies import nonlinear, nonlinear_plots, nonlinear_speed, plots
 from studies.draws import draw
 from studies.nonlinear import GRAY, LINEAR, MISTAKEN, NONLINEAR, ORACLE, Score
 from tuners import RECIPES
 from yawrate_env.batch import take
+from yawrate_env.vehicle.nonlinear import NonlinearTwin
 from yawrate_env.vehicle.single_track import context_of
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
@@ -25,6 +28,14 @@ def scores():
               0.1 * amplitude * (0.2 if name == NONLINEAR else 1.0), 3.0, 1.2, 1, 1.5)
         for amplitude in (1.0, 4.0) for name in NAMES for low in (False, True)
     ]  # fmt: skip
+
+
+def test_the_page_shows_the_default_arguments():
+    page = (ROOT / "docs" / "nonlinear.md").read_text()
+    made = NonlinearTwin()
+    for name in ("tyre", "body", "limits"):
+        (text,) = re.findall(rf"\| `{name}=(\{{.*?\}})`", page)
+        assert json.loads(text) == pytest.approx(asdict(getattr(made, name)), rel=1e-3)
 
 
 def silent(*_):

@@ -75,6 +75,19 @@ class Assignment(Number):
         return name, super().convert(given, param, ctx)
 
 
+class Named(Assignment):
+    """A name and a text, as in ``steam=valve``."""
+
+    name = "name=column"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Split."""
+        name, _, given = (part.strip() for part in str(value).partition("="))
+        if not (name and given):
+            self.fail(f"{value!r} is not of the form NAME=COLUMN.", param, ctx)
+        return name, given
+
+
 class Output(click.Path):
     """A file or folder to write, in a folder that exists."""
 
@@ -100,7 +113,7 @@ class Output(click.Path):
 
 
 NUMBER, POSITIVE, NONZERO = Number(), Number(positive=True), Number(nonzero=True)
-COUNT, ASSIGNMENT = Count(positive=True), Assignment()
+COUNT, ASSIGNMENT, NAMED = Count(positive=True), Assignment(), Named()
 READABLE = click.Path(exists=True, dir_okay=False, path_type=Path)
 SEED = click.IntRange(min=0)
 
@@ -109,7 +122,8 @@ vehicle_option = click.option(
     "--plant",
     "vehicle",
     type=READABLE,
-    help="TOML file of a vehicle or of another plant. [default: the paper's vehicle]",
+    help="TOML file of a vehicle or of another plant, or the Python file of a plant called plant. "
+    "[default: the paper's vehicle]",
 )
 
 

@@ -11,7 +11,6 @@ import click
 
 from tuners.cli.arguments import REFUSED, UNUSABLE
 from tuners.cli.progress import Bars
-from tuners.cli.sources import load_tuner
 from tuners.cli.text import RUNGS
 from tuners.cli.tuning import tuned, tuner_and_log
 from tuners.logs import Log, Options
@@ -31,13 +30,14 @@ def tune_each(
     tuner: str | None,
     out: Path | None,
     strict: bool,
+    load: Callable[[str], Tuner],
 ) -> int:
     """Tune logs one by one, write the table, and give the exit status.
 
     A log that cannot be used has its error in its row.
     """
     rows: list[Row] = []
-    status, load = 0, cache(load_tuner)
+    status, load = 0, cache(load)
     with Bars() as bars:
         for i, path in enumerate(files):
             bars("logs", i, len(files))

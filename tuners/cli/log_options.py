@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from tuners.cli.arguments import ASSIGNMENT, NONZERO, NUMBER, POSITIVE, READABLE
+from tuners.cli.arguments import ASSIGNMENT, NAMED, NONZERO, NUMBER, POSITIVE, READABLE
 from tuners.logs import Options
 from yawrate_env.signals.hold import HOLDS
 
@@ -40,6 +40,7 @@ def log_options(command: Callable[..., Any]) -> Callable[..., Any]:
         values = {SPEED: given.pop("speed")}
         measured = _once(given.pop("measured"), _given(columns) | _given(values))
         columns |= {name: value for name, value in measured.items() if isinstance(value, str)}
+        columns |= _once(given.pop("named"), _given(columns), "--column")
         values |= {name: value for name, value in measured.items() if not isinstance(value, str)}
         scales = {
             signal: (-1.0 if given.pop(f"flip_{signal}") else 1.0) * given.pop(f"{signal}_scale")
@@ -114,13 +115,13 @@ def _check_scales(given: Mapping[str, Any]) -> None:
 
 
 def _once(
-    pairs: tuple[tuple[str, float | str], ...], others: Mapping[str, Any]
-) -> dict[str, float | str]:
+    pairs: tuple[tuple[str, Any], ...], others: Mapping[str, Any], flag: str = "--measured"
+) -> dict[str, Any]:
     """Assignments by name; each name once, and not by another option too."""
     names = [name for name, _ in pairs]
     twice = next((name for name in names if names.count(name) > 1 or name in others), None)
     if twice is not None:
-        raise click.UsageError(f"--measured {twice} is given twice.")
+        raise click.UsageError(f"{flag} {twice} is given twice.")
     return dict(pairs)
 
 
@@ -165,6 +166,9 @@ def _options() -> list[Decorator]:
         option("--measured", type=ASSIGNMENT, multiple=True,
                help="A measured parameter of the plant: a number in its unit, or the column whose "
                "mean it is, if that is not called NAME; can be repeated."),
+        option("--column", "named", type=NAMED, multiple=True,
+               help="Column of the signal NAME, of plants with several inputs and outputs; can be "
+               "repeated."),
         option("--input-is", "--steer-is", "input_is", default="command", show_default=True,
                type=click.Choice(["command", "measured"]),
                help="Whether the input was recorded before or after the plant's actuator."),

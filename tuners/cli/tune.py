@@ -2,18 +2,26 @@
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import click
 
-from tuners.cli.arguments import READABLE, REFUSED, Output, example, refuse_overwriting
+from tuners.cli.arguments import (
+    READABLE,
+    REFUSED,
+    Output,
+    example,
+    refuse_overwriting,
+)
 from tuners.cli.log_files import LOGS, log_files, read_each, recordings
 from tuners.cli.log_options import log_options
 from tuners.cli.target_options import Changes, target_options
 from tuners.cli.tuning import (
+    FITTED,
     for_loop,
+    loading,
     pooled,
     several_logs,
     start_option,
@@ -35,6 +43,14 @@ TABLES = ".csv", ".parquet"
 @start_option
 @tuner_option
 @click.option(
+    "--plant",
+    "--vehicle",
+    "plant",
+    type=READABLE,
+    help="A plant instead of a trained tuner, TOML or Python: its simulator is fitted to the log "
+    f"(--tuner {FITTED}), or what --tuner names.",
+)
+@click.option(
     "--validate",
     type=READABLE,
     help="A further log, which the gains do not come from: how well the tuned plant reproduces "
@@ -52,6 +68,7 @@ def command(
     options: Options,
     start: str,
     tuner: str | None,
+    plant: Path | None,
     validate: Path | None,
     each: bool,
     out: Path | None,
@@ -83,12 +100,13 @@ def command(
         refuse_overwriting(report, path, tuner)
         refuse_overwriting(out, path, tuner)
     refuse_overwriting(report, validate)
+    tuner, load = tuner or (None if plant is None else FITTED), loading(plant)
     try:
         if each:
             from tuners.cli.each import tune_each
 
-            sys.exit(tune_each(files, options, start, tuner, out, strict))
-        tuner, result, read = _answer(files, options, start, tuner, validate, target)
+            sys.exit(tune_each(files, options, start, tuner, out, strict, load))
+        tuner, result, read = _answer(files, options, start, tuner, validate, target, load)
     except SelectionError as error:
         raise click.UsageError(str(error)) from None
     from tuners.cli.answer import as_json
@@ -149,15 +167,16 @@ def _answer(
     name: str | None,
     validate: Path | None,
     changes: Changes,
+    load: Callable[[str], Tuner],
 ) -> tuple[str, Result, list[Log]]:
     """The tuner's name, its result, and the logs that it comes from."""
     if len(files) == 1:
-        name, trained, log = tuner_and_log(files[0], options, name)
+        name, trained, log = tuner_and_log(files[0], options, name, load)
         further = [] if validate is None else read_each([validate], trained.plant, options)
         read = [log, *further]
     else:
         paths = [*files, *([] if validate is None else [validate])]
-        name, trained, read = several_logs(paths, options, name)
+        name, trained, read = several_logs(paths, options, name, load)
 
     def answered(tuner: Tuner) -> Result:
         if len(files) > 1:

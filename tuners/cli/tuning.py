@@ -9,7 +9,7 @@ from typing import TypeVar
 import click
 
 from tuners.cli.log_files import logs_of, recordings, wanted
-from tuners.cli.sources import load_tuner
+from tuners.cli.sources import load_tuner, plant_from
 from tuners.cli.target_options import Changes, changed
 from tuners.logs import Log, MissingParameterError, Options, Table, log_of, read_table
 from tuners.trust.black_box import STARTS
@@ -21,7 +21,8 @@ T = TypeVar("T")
 
 DEFAULT = "ts-ff-lag-vx"
 WITHOUT = "bb"
-"""What tunes by default, and what does without a measured parameter."""
+FITTED = "gb"
+"""What tunes by default, what does without a measured parameter, and what any plant has."""
 
 start_option = click.option(
     "--start",
@@ -37,6 +38,14 @@ tuner_option = click.option(
     help="A tuner that the package ships, or a file of `yawrate train`; by default "
     f"{DEFAULT}, or {WITHOUT} where the log gives no speed.",
 )
+
+
+def loading(vehicle: Path | None) -> Callable[[str], Tuner]:
+    """What loads a tuner by its name, for the plant of a file if one is given."""
+    if vehicle is None:
+        return load_tuner
+    plant = plant_from(vehicle)
+    return lambda name: load_tuner(name, plant)
 
 
 def tuner_and_log(
@@ -56,10 +65,13 @@ def tuner_for(
 
 
 def several_logs(
-    paths: Sequence[Path], options: Options, name: str | None
+    paths: Sequence[Path],
+    options: Options,
+    name: str | None,
+    load: Callable[[str], Tuner] = load_tuner,
 ) -> tuple[str, Tuner, list[Log]]:
     """The tuner's name, the tuner, and all logs; by default one for which all of them suffice."""
-    load = cache(load_tuner)
+    load = cache(load)
     load(name or DEFAULT)
     tables = [read_table(path, options.dbc) for path in paths]
     return _sufficient(name, load, lambda plant: logs_of(tables, plant, options))

@@ -1,4 +1,4 @@
-"""What every digital controller shares: its units, and checks of its limits and numbers."""
+"""Units, limits and checks that every digital controller shares."""
 
 from typing import Protocol
 

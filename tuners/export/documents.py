@@ -113,7 +113,7 @@ def gains_text(gains: Gains, Ts: float | None = None) -> str:
         "program": f"yawrate {yawrate_env.__version__}",
         "gains": {k: v if np.isfinite(v) else None for k, v in gains.values.items()},
         "trusted": gains.trusted,
-        "signals": dict(zip(("input", "output"), gains.signals, strict=True)),
+        "signals": dict(zip(("input", "output"), gains.channels or gains.signals, strict=True)),
         "Ts": gains.Ts if Ts is None else sampling_time(Ts),
         "target": gains.target and asdict(gains.target),
         **_known_forms(gains, Ts),

@@ -9,7 +9,7 @@ fixed C the error is linear in A and B, which gives the start (`tuners.features.
 
 For a plant of higher order the cost of this second-order model has several minima.  Starting
 from a fast C finds pysib's minimum on every episode tried; Steiglitz and McBride's
-``C := A`` is rejected, it ends at a worse one, with a root of C at 1, on a third.
+``C := A`` is rejected: it may end at a worse one, with a root of C at 1.
 """
 
 from dataclasses import dataclass

@@ -21,12 +21,16 @@ class Role:
         Names that columns of it have, the first preferred.
     remedy : str
         What to give where its unit is not understood.
+    flag : str
+        Option that names its column.
     scale : float
         What the column is multiplied by, once it is in the unit.
     own : int
         How many of the names are the plant's own; others are synonyms.
     warned : tuple of str
         Synonyms that the plant warns of.
+    needed : bool
+        Whether a recording cannot be used without it.
     """
 
     key: str
@@ -34,9 +38,11 @@ class Role:
     unit: str
     names: tuple[str, ...]
     remedy: str
+    flag: str
     scale: float = 1.0
     own: int = 1
     warned: tuple[str, ...] = ()
+    needed: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,6 +50,9 @@ def find(table: Table, plant: Plant, options: Options) -> Found:
     roles = {role.key: role for role in _roles(plant, options)}
     columns = _by_role(options.columns, roles)
     given_units = _by_role(options.units, roles)
+    for key in ("input", "output"):
+        if key in given_units:  # that of all inputs, or all outputs
+            given_units |= dict.fromkeys(channels(plant, key), given_units[key])
     values = _by_role(options.values, roles)
     _check_given(columns, values, plant)
     if "output" in given_units and "reference" in columns:
@@ -114,7 +117,7 @@ def _caution(role: Role, column: str, plant: Plant) -> str:
 
 
 def _roles(plant: Plant, options: Options) -> Iterator[Role]:
-    yield Role("time", "time", "s", ("time", "t"), "--time-unit", own=2)
+    yield Role("time", "time", "s", ("time", "t"), "--time-unit", "--time-column", own=2)
     warned = tuple(" ".join(names.words(name)) for name in plant.cautions)
     scales = options.input_scale, options.output_scale
     several = plant.channels is not None
@@ -122,17 +125,20 @@ def _roles(plant: Plant, options: Options) -> Iterator[Role]:
         ("input", "output"), (plant.inputs_named, plant.outputs_named), "uy", scales, strict=True
     ):
         for i, signal in enumerate(signals):
-            called = (split(signal)[0], *plant.synonyms.get(key, ()), f"{short}{i + 1}")
-            if not several:
-                called = (*called[:-1], short)
-            yield Role(channel(key, i), *split(signal), called, f"--{key}-unit", scale, 1, warned)
-    unit = split(plant.signals[1])[1]
-    yield Role("reference", "the reference", unit, (), "--output-unit", options.output_scale)
+            words, unit = split(signal)
+            called = words, *plant.synonyms.get(key, ()), f"{short}{i + 1}" if several else short
+            flag = f"--column {_quoted(words)}=COLUMN" if several else f"--{key}-column"
+            yield Role(
+                channel(key, i), words, unit, called, f"--{key}-unit", flag, scale, 1, warned, True
+            )
+    unit, scale = split(plant.signals[1])[1], options.output_scale
+    yield Role("reference", "the reference", unit, (), "--output-unit", "--reference", scale)
     for key in plant.measured:
         words, unit = split(plant.label(key))
         called = (words, split(key)[0], *plant.synonyms.get(key, ()))
         said = words if words.isidentifier() else key
-        yield Role(key, words, unit, called, f"--measured {said}=VALUE", own=2)
+        value, column = (f"--measured {said}={what}" for what in ("VALUE", "COLUMN"))
+        yield Role(key, words, unit, called, value, column, own=2)
 
 
 def _by_role(given: Mapping[str, T], roles: dict[str, Role]) -> dict[str, T]:
@@ -142,9 +148,10 @@ def _by_role(given: Mapping[str, T], roles: dict[str, Role]) -> dict[str, T]:
         key = next((k for k, r in roles.items() if _plain(name) in map(_plain, (k, r.words))), None)
         if key is None:
             measured = list(roles)[list(roles).index("reference") + 1 :]
+            known = [r.words for r in roles.values() if r.flag.startswith("--column")] + measured
             raise SelectionError(
-                f"measured {name!r} is unknown. Choose one of {', '.join(measured)}."
-                if measured
+                f"{name!r} is unknown. Choose one of {', '.join(known)}."
+                if known
                 else f"measured {name!r}: this plant has no measured parameters."
             )
         if key in found:
@@ -167,15 +174,10 @@ def _column(role: Role, given: str | None, table: Table) -> tuple[str | None, li
         return named(given, role.words, table.names), []
     ranked = candidates(role, table.names)
     if not ranked:
-        if role.key in ("input", "output"):
+        if role.needed:
             raise LogError(
                 f"No column looks like {role.words}; there are {listed(table.names)}. "
-                f"Name one with --{role.key}-column."
-            )
-        if role.key.startswith(("input ", "output ")):
-            raise LogError(
-                f"No column looks like {role.words}; there are {listed(table.names)}. "
-                f"Call one {role.words}."
+                f"Name one with {role.flag}."
             )
         return None, []
     first = ranked[0]
@@ -184,7 +186,7 @@ def _column(role: Role, given: str | None, table: Table) -> tuple[str | None, li
     if len(equal) > 1:
         raise LogError(
             f"Columns {listed([c.name for c in equal])} all look like {role.words}. "
-            f"Name one with {_flag(role)}."
+            f"Name one with {role.flag}."
         )
     others = [c for c in ranked if c.match.kind <= names.UNSURE and c.name != first.name]
     unsure = [f"Column {first.name} was taken as {role.words}."]
@@ -218,7 +220,7 @@ def _second(role: Role, first: Candidate, others: list[Candidate], table: Table)
     """A note on columns that were passed over."""
     if not others:
         return []
-    if role.key in ("input", "output"):
+    if role.needed:
         also = listed([c.name for c in others])
         return [f"Column {first.name} was taken as {role.words}; {also} may be meant too."]
     means = {c.name: _mean(c, role, table) for c in (first, *others)}
@@ -241,11 +243,9 @@ def _mean(candidate: Candidate, role: Role, table: Table) -> float:
     return float(known.mean()) if len(known) else math.nan
 
 
-def _flag(role: Role) -> str:
-    if role.key in ("time", "input", "output"):
-        return f"--{role.key}-column"
-    word = role.words if role.words.isidentifier() else role.key
-    return f"--measured {word}=COLUMN"
+def _quoted(name: str) -> str:
+    """A name as a shell takes it."""
+    return name if name.isidentifier() else repr(name)
 
 
 def named(given: str, words: str, columns: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""What a recording will tell, before it is made: half widths of intervals on the prior's plants.
+"""Forecast of intervals before a recording is made: their half widths on the prior's plants.
 
 Recordings of some of the prior's plants are simulated, with noise of a given standard deviation
 whatever their input.  For a linear plant with a loop target the half width is the one that the

@@ -1,4 +1,4 @@
-"""What the errors of an emulator cost: how far the simulator's own slopes would move answers.
+"""Cost of an emulator's errors: how far the simulator's own slopes would move answers.
 
 Where a fit with the emulator's slopes has ended, one more Gauss-Newton step is taken with those of
 the simulator.  If the emulator were exact it would be none.

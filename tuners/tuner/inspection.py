@@ -1,4 +1,4 @@
-"""What a tuner sees in recordings: models of them, and whether they are usable."""
+"""Inspection of recordings: models of them, and whether they are usable."""
 
 from dataclasses import replace
 from functools import cached_property

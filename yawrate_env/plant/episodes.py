@@ -24,6 +24,7 @@ Integers = NDArray[np.uint64]
 Progress = Callable[[int, int], None]
 
 BLOCK = 128
+_OUTPUTS, _LEAST = 2**22, 32  # at a time, and episodes
 
 SETS = {"train": 1, "test": 2, "extrapolation": 3, "calibration": 4}
 """Names of sets of episodes that never share one, whatever the seeds; the tags keep their
@@ -198,16 +199,33 @@ def ranges_of(plant: Plant, name: str) -> tuple[Array, Array]:
 def blocks(
     plant: Plant, name: str, seed: int, first: int, count: int, repeat: int
 ) -> Iterator[tuple[Episodes, slice]]:
-    """Whole blocks, and which of their rows are asked for."""
+    """Whole blocks, and which of their rows are asked for; of long episodes parts of blocks."""
     tag, stop = SETS[validation.one_of("set of episodes", name, tuple(SETS))], first + count
     ranges = ranges_of(plant, name)
     for start in range(first - first % BLOCK, stop, BLOCK):
         root = (tag, seed, repeat) if repeat else (tag, seed)
         draw = _draw(plant, tag, seed, start, repeat, ranges)
         rng = np.random.default_rng(np.random.SeedSequence(root, spawn_key=(start, 1)))
-        y = plant.measure(draw.theta, draw.u, draw.keys, rng)
-        number = np.arange(start, start + BLOCK)
-        yield Episodes(number, draw.theta, draw.u, y), slice(max(first - start, 0), stop - start)
+        each = _at_a_time(plant)
+        for at in range(start, start + BLOCK, each):
+            if at >= stop or at + each <= first:
+                continue
+            rows = slice(at - start, at - start + each)
+            u = draw.u if len(draw.u) == 1 else draw.u[rows]
+            y = plant.measure(draw.theta[rows], u, draw.keys[rows], rng)
+            number = np.arange(at, at + each)
+            yield Episodes(number, draw.theta[rows], u, y), slice(max(first - at, 0), stop - at)
+
+
+def _at_a_time(plant: Plant) -> int:
+    """Episodes that are recorded at once.
+
+    A block of long ones would need memory that the process never had, which takes as long to get
+    as the recordings themselves.  Plants that record episodes themselves do so alike in any batch.
+    """
+    if plant.record is None:
+        return BLOCK
+    return int(np.clip(_OUTPUTS // plant.samples // _LEAST * _LEAST, _LEAST, BLOCK))
 
 
 def _draw(

@@ -1,4 +1,4 @@
-"""What a window of driving tells about friction and mass: prediction errors and their slopes.
+"""Information on friction and mass in a window of driving: prediction errors and their slopes.
 
 Gyro noise is white, the steering disturbance d a first-order autoregression inside the loop:
 
