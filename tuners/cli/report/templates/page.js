@@ -311,7 +311,7 @@
       return [name, text(now), metric ? interval(metric, value, spread, factor, digits) : "after the step"];
     });
     find("margins").replaceChildren(...rows.map((cells) => row(cells)));
-    find("speeds").replaceChildren(...three.map(speedRow));
+    find("speeds").replaceChildren(...three.filter(({asked}) => asked).map(speedRow));
     find("speeds").closest("table").hidden = find("paces").hidden = !pace;
     const beside = [three[0], three[2]];
     sides = beside.map((one, i) => (one && one.it ? `${["slower", "faster"][i]}, ${one.asked}` : ""));
