@@ -1,6 +1,7 @@
 """The page's own script against Python, at 200 positions of its sliders."""
 
 import json
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -22,6 +23,7 @@ from yawrate_env.loop.design import design_from_response
 from yawrate_env.loop.loops import Loops
 from yawrate_env.loop.state_feedback import StateFeedback
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction
 from yawrate_env.plant.control_loop import ControlLoop
 from yawrate_env.plants import sopdt
 from yawrate_env.vehicle.task import Experiment
@@ -282,6 +284,39 @@ def test_steps_of_every_controller_are_the_closed_loops(case):
         np.testing.assert_allclose(step, y, atol=1e-7, err_msg=at["kind"])
         np.testing.assert_allclose(command, u, rtol=1e-7, atol=1e-7, err_msg=at["kind"])
         np.testing.assert_allclose(disturbance, feedback.respond(none, one)[0][0], atol=1e-7)
+
+
+MATLAB = """
+globalThis.Loop = require(process.argv[1]);
+const Texts = require(process.argv[1].replace("loop.js", "texts.js"));
+const model = JSON.parse(require("fs").readFileSync(0)), {matlab} = Texts(model);
+console.log(JSON.stringify(Object.keys(model.kinds).map((kind) => {
+  const C = Loop.design(model, {...model.start, kind, b: 0.4});
+  return C && [kind, C.gains, matlab({...C, kind})];
+})));
+"""
+
+
+@pytest.mark.parametrize("case", [("loop-shaping", "2DOF"), None], ids=str)
+def test_copied_matlab_is_the_controller(case):
+    plant, theta = loop_of(*case) if case else servo()
+    loop, model = plant.design.__self__, answered(plant, theta)
+    z, Ts = np.exp(1j * np.geomspace(0.01, 3.0, 30)), loop.target.Ts
+    for kind, gains, text in filter(None, told(MATLAB, model)):
+        found = [
+            np.polyval(json.loads(top), z) / np.polyval(json.loads(bottom), z)
+            for top, bottom, _ in re.findall(r"tf\((\[.*?\]), (\[.*?\]), (.*?)\)", text)
+        ]
+        if kind in CONTROLLERS:
+            row = np.array([list(gains.values())])
+            made = CONTROLLERS[kind].parallel(row, Ts).compensator(Ts)
+            of_r, of_y = (TransferFunction(p, made.denominator, Ts)(np.angle(z) / Ts)[0]
+                          for p in (made.reference, made.output))  # fmt: skip
+            expected = [of_r, -of_y] if kind in ("PI-D", "2DOF") else [of_y]
+        else:
+            *K, kr = gains.values()
+            expected = [np.full_like(z, value) for value in (kr, *(-k for k in K))]
+        np.testing.assert_allclose(found, expected, rtol=1e-8, err_msg=kind)
 
 
 def test_the_step_is_the_closed_loops_own():

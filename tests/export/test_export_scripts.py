@@ -81,11 +81,11 @@ def test_sample_by_sample_both_are_the_digital_controller(name):
     right = pid.run(reference, measured, start=start)
     assert (right == pid.low).any() and (right == pid.high).any()
     block, function = Block(pid_block(pid)), Function(matlab_script(pid))
-    at_start = dict(zip(("Reference", "Measured", "ManualCommand"), start, strict=True))
+    at_start = dict(zip(("Setpoint", "ProcessValue", "ManualCommand"), start, strict=True))
     assert block(**at_start, Manual=True) == start[2]
     function(*start)
     function.memory |= initial(function, pid, start)
-    found = [block(Reference=r, Measured=y, Manual=False)
+    found = [block(Setpoint=r, ProcessValue=y, Manual=False)
              for r, y in zip(reference, measured, strict=True)]  # fmt: skip
     np.testing.assert_allclose(found, right, atol=1e-11 * (pid.high - pid.low))
     found = [function(r, y, 0.0) for r, y in zip(reference, measured, strict=True)]
@@ -107,12 +107,12 @@ def initial(function, pid, start):
 def test_a_block_goes_between_manual_and_automatic_without_a_bump():
     block = Block(pid_block(digital("2DOF")))
     for k in range(30):
-        block(Reference=0.5, Measured=0.3 + 0.01 * k, Manual=False, ManualCommand=0.2)
+        block(Setpoint=0.5, ProcessValue=0.3 + 0.01 * k, Manual=False, ManualCommand=0.2)
     before = block.memory["Command"]
-    assert block(Reference=0.5, Measured=0.6, Manual=True, ManualCommand=1.1) == 1.1 != before
-    assert block(Reference=0.5, Measured=0.6, Manual=False) == pytest.approx(1.1)
-    assert block(Reference=0.5, Measured=0.6, Manual=True, ManualCommand=9.0) == 2.0  # a limit
-    assert block(Reference=np.nan, Measured=0.6, Manual=False) == 2.0  # held
+    assert block(Setpoint=0.5, ProcessValue=0.6, Manual=True, ManualCommand=1.1) == 1.1 != before
+    assert block(Setpoint=0.5, ProcessValue=0.6, Manual=False) == pytest.approx(1.1)
+    assert block(Setpoint=0.5, ProcessValue=0.6, Manual=True, ManualCommand=9.0) == 2.0  # a limit
+    assert block(Setpoint=np.nan, ProcessValue=0.6, Manual=False) == 2.0  # held
 
 
 def test_a_state_feedbacks_block_and_function_are_the_digital_one():
@@ -122,7 +122,7 @@ def test_a_state_feedbacks_block_and_function_are_the_digital_one():
     right = STATES.run(reference, states, start=0.4)
     block, function = Block(state_feedback_block(STATES)), Function(state_feedback_script(STATES))
     block(Manual=True, ManualCommand=0.4)
-    found = [block(Reference=r, X1=x[0], X2=x[1], Manual=False)
+    found = [block(Setpoint=r, X1=x[0], X2=x[1], Manual=False)
              for r, x in zip(reference, states, strict=True)]  # fmt: skip
     np.testing.assert_allclose(found, right, rtol=1e-12)
     found = [function(r, lambda i, x=x: x[i - 1], 0.4)
@@ -142,7 +142,7 @@ def test_structured_text_is_written_for_either_type(tmp_path):
     assert Block(path.read_text()).memory["STEP_GAIN"] == pytest.approx(0.3 * 0.01 / 0.2)
     several = Gains({"k1": 1.0, "kr": 2.0}, Ts=TS, controller=STATE_FEEDBACK)
     (path,) = export(several, "st", tmp_path / "x.st", limits=(-1.0, 1.0))
-    assert Block(path.read_text())(Reference=0.1, X1=0.3, Manual=False) == pytest.approx(-0.1)
+    assert Block(path.read_text())(Setpoint=0.1, X1=0.3, Manual=False) == pytest.approx(-0.1)
 
 
 def test_a_block_needs_a_name_that_is_one():

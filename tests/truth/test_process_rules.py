@@ -117,3 +117,12 @@ def test_wrong_controls_are_named(arguments, name):
 def test_the_constrained_rule_is_not_for_integrators():
     with pytest.raises(ValueError, match="rule = 'ms'"):
         plants.integrator(rule="ms")
+
+
+@pytest.mark.parametrize("rule", ["simc", "lambda", "amigo", "ms"])
+def test_a_computation_delay_is_dead_time(rule):
+    aim = {"phase_margin": 60, "crossover": 0.01, "delay_samples": 3}
+    late = plants.fopdt(controller="PIDF", rule=rule, target=aim)
+    gains = late.oracle(np.array([[1.5, 20.0, 6.0]]))
+    alike = plants.fopdt(controller="PIDF", rule=rule).oracle(np.array([[1.5, 20.0, 9.0]]))
+    np.testing.assert_allclose(gains, alike, rtol=1e-9)

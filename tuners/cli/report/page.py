@@ -23,6 +23,7 @@ from tuners.cli.text import (
     forms_of,
     gain_units,
     in_words,
+    vendors_rows,
 )
 from tuners.logs import Log
 from tuners.tuner.method import Rung
@@ -92,6 +93,7 @@ def render(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> st
         outside=residuals.outside,
         correlations=[name for name in drawn if name.startswith(("auto", "cross"))],
         forms=forms_of(result),
+        vendors=vendors_rows(result),
         by_loop=tables.loops(result),
         units=gain_units(plant),
         checks=tables.checks(result),

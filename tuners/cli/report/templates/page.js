@@ -4,17 +4,13 @@
 (() => {
   const model = JSON.parse(document.getElementById("model").textContent);
   const section = document.getElementById("live"), find = (name) => section.querySelector(`[data-${name}]`);
-  const {start, Ts, names, texts, pace} = model;
+  const {start, Ts, names, texts, pace} = model, {equation, fixed, gainText, matlab, plain, program} = Texts(model);
   const sliders = Object.fromEntries(model.sliders.map((one) => [one.name, {...one, input: section.querySelector(`#${one.name}`)}]));
   const fresh = {kind: start.kind, b: null};  // b is the rule's own until it is moved
   for (const name of Object.keys(sliders)) fresh[name] = name === "b" ? null : start[name];
   let state = {...fresh};
 
-  const fixed = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits).replace("-", "−") : "none");
-  const plain = (value, n = 6) => (Number.isFinite(value) ? String(Number(value.toPrecision(n))) : "none");
   const untouched = () => Object.keys(fresh).every((name) => state[name] === fresh[name]);
-  const kindOf = (C) => model.kinds[C.kind];
-
   /* A slider's value as text. */
   function told({name, values, factor = 1}, value) {
     const shown = values ? values[value] : factor * (value ?? now?.C.gains.b ?? 1);
@@ -226,53 +222,6 @@
     return silent ? "the recording does not tell" : "";
   }
 
-  /* The signals of a controller and their coefficients: the error where reference and output share
-     theirs, else both. */
-  function terms(C) {
-    const {reference, seen, command} = Loop.differences(C, Ts);
-    const minus = seen.map((b) => b.map((x) => -x));
-    if (seen.length === 1 && seen[0].every((x, i) => x === reference[i])) return {signals: ["e"], b: [reference], command};
-    return {signals: ["r", ...model.seen.map(({name}) => name)], b: [reference, ...minus], command};
-  }
-
-  function equation(C) {
-    const {signals, b, command} = terms(C), of = (name, i) => `${name}[k${i ? `-${i}` : ""}]`;
-    const past = command.slice(1).map((x, i) => [-x, of("u", i + 1)]);
-    const inputs = signals.flatMap((name, j) => b[j].map((x, i) => [x, of(name, i)]));
-    const all = [...past, ...inputs], least = 1e-12 * Math.max(...all.map(([x]) => Math.abs(x)));
-    const parts = all.filter(([x]) => Math.abs(x) > least).map(([x, name]) => `${x < 0 ? "-" : "+"} ${Math.abs(x) === 1 ? "" : `${plain(Math.abs(x))} `}${name}`);
-    return `u[k] = ${parts.join(" ")}`.replace("= + ", "= ").replace("= - ", "= -");
-  }
-
-  function gainText(C, n) {
-    return kindOf(C).gains.map(([name, unit]) => `${name} ${plain(C.gains[name], n)}${unit && ` ${unit}`}`).join(", ");
-  }
-
-  function matlab(C) {
-    const {signals, b, command} = terms(C), list = (p) => `[${p.map((x) => x.toPrecision(15)).join(", ")}]`;
-    const parts = b.map((top) => `tf(${list(top)}, ${list(command)}, ${Ts})`);
-    return signals.length === 1 ? `C = ${parts[0]};` : `C = [${parts.join(", ...\n     ")}];  % u from [${signals.join("; ")}]`;
-  }
-
-  /* The constants of the C programs of yawrate export, by their names in these. */
-  function constants(C) {
-    const {Kp, Ki, Kd, Tf, b, c} = Loop.parallel(C.gains, kindOf(C).c, Ts), [low, high] = texts.c.limits;
-    const half = Ki * Ts / 2, step = Ki * Ts, rate = 2 * Kd / (2 * Tf + Ts), Ti = Kp / Ki, Td = Kd / Kp;
-    const largest = 1e3 * (high - low) / Math.max(Kp + half + Math.abs(rate), step);
-    return {
-      ...C.gains, Kp, Ki, Kd, Tf, b, c, KP: Kp, HALF: half, STEP: step, GAIN: Kp + half, RATE: rate,
-      DECAY: Math.max((2 * Tf - Ts) / (2 * Tf + Ts), 0), REST: 1 - b, LEFT: 1 - c, LARGEST: largest,
-      TRACKING: Ki ? Ts / Math.max(Td > 0 ? Math.sqrt(Ti * Td) : Ti, Ts) : 0, BEYOND: Math.min(1e6 * largest, 3.4028234e38),
-    };
-  }
-
-  function program(C) {
-    const text = texts.c && texts.c.texts[C.kind];
-    if (!text) return null;
-    const values = constants(C);
-    return text.replace(/@(\w+)@/g, (_, name) => { const v = values[name].toPrecision(17); return /[.e]/.test(v) ? v : `${v}.0`; });
-  }
-
   const command = () => (texts.command && state.kind === start.kind
     ? `${texts.command} --crossover ${plain(state.crossover)} --phase-margin ${plain(state.margin)} --delay ${plain(state.delay * Ts)}` : null);
   const copies = {
@@ -362,7 +311,7 @@
       return [name, text(now), metric ? interval(metric, value, spread, factor, digits) : "after the step"];
     });
     find("margins").replaceChildren(...rows.map((cells) => row(cells)));
-    find("speeds").replaceChildren(...three.map(speedRow));
+    find("speeds").replaceChildren(...three.filter(({asked}) => asked).map(speedRow));
     find("speeds").closest("table").hidden = find("paces").hidden = !pace;
     const beside = [three[0], three[2]];
     sides = beside.map((one, i) => (one && one.it ? `${["slower", "faster"][i]}, ${one.asked}` : ""));
