@@ -58,7 +58,7 @@ def _loops(gains: Gains, Ts: float | None, limits: Any) -> list[Loop]:
 
 
 def _no_text(loops: list[Loop], gains: Gains) -> str:
-    raise ValueError(gains.refusal)
+    raise ValueError("limits: several loops go to target json without them, or to target c.")
 
 
 _LOOPS = Form(_loops, program_of, _no_text)
