@@ -17,6 +17,7 @@ from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.logs import Log
 from tuners.logs.excitation import check
+from yawrate_env.vehicle.vehicle_file import example as paper
 
 EXAMPLE = ROOT / "examples" / "log.csv"
 TRUSTED, UNUSABLE, WRONG, UNTRUSTED = 0, 1, 2, 3
@@ -74,3 +75,16 @@ def result_of(name, sign=1):
     """The tuner's result for a case's recording, or with the input's sign reversed."""
     log = log_of(name)
     return tuners.load(tuner_of(name)).tune(sign * log.u, log.y, log.Ts, log.measured)
+
+
+def lag_file(folder):
+    """TOML of the lag; its module is one of the tests'."""
+    (folder / "lag.toml").write_text('[plant]\nentry = "first_order:gauged"\n')
+    return folder / "lag.toml"
+
+
+def short(path, J_z=2400.0):
+    """A vehicle's file, with short episodes."""
+    text = paper().replace("N = 10_000", "N = 1_000").replace("Ts = 0.001", "Ts = 0.01")
+    path.write_text(text.replace("J_z = 2400.0", f"J_z = {J_z}"))
+    return path

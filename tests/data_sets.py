@@ -2,12 +2,15 @@
 
 import os
 import sys
+from contextlib import contextmanager
 
 import numpy as np
+import pytest
 from first_order import described, design, plant, simulate
 
-from tuners.data import generate
+from tuners.data import DatasetError, generate
 from tuners.features.laguerre import Laguerre
+from tuners.features.response import FrequencyResponse
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.noise import snr
 from yawrate_env.plant.parametrisation import Parametrisation
@@ -16,6 +19,7 @@ from yawrate_env.vehicle.task import Experiment, Task
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 STAGE = Laguerre(4, 2.0)
+OTHER = FrequencyResponse(8, 2.0, 0.05, 2.0)
 EPISODES, SHARD = 200, 50
 
 
@@ -65,3 +69,12 @@ def environment():
     """Variables with which another process finds these modules."""
     paths = [os.path.dirname(__file__), os.getcwd(), *sys.path]
     return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+
+@contextmanager
+def refused(folder, match):
+    """A refusal that leaves every file as it was."""
+    before = contents(folder)
+    with pytest.raises(DatasetError, match=match):
+        yield
+    assert contents(folder) == before

@@ -13,8 +13,9 @@ import numpy as np
 
 from yawrate_env.batch import take
 from yawrate_env.loop.discretisation import DiscretePlant
-from yawrate_env.loop.margins import Margins, TransferFunction, margins, open_loop
+from yawrate_env.loop.margins import Margins, margins
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction, open_loop
 from yawrate_env.vehicle.episode import plants
 from yawrate_env.vehicle.single_track import Context, Vehicle, state_space
 

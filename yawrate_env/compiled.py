@@ -15,8 +15,8 @@ kernels stay readable beside the equations.  Three choices shape every kernel:
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from threading import Thread
 from typing import Any, TypeVar
 
 from numba import njit
@@ -104,15 +104,26 @@ def _processors() -> int:
 def over_blocks(work: Callable[[int, int], None], items: int, block: int) -> None:
     """Call ``work(start, stop)`` on consecutive blocks of `items`, one thread a core.
 
-    Threads live for this call only: they cost tens of microseconds, and nothing is
-    left behind that a forked child could trip over.
+    The caller's thread is one of them.  The others live for this call only: they cost tens of
+    microseconds, and nothing is left behind that a forked child could trip over.
     """
-    starts = range(0, items, block)
-    workers = min(cores(), len(starts))
-    if workers <= 1:
-        for start in starts:
-            work(start, min(start + block, items))
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        for _ in pool.map(lambda s: work(s, min(s + block, items)), starts):
-            pass
+    blocks = range(0, items, block)
+    starts, errors = iter(blocks), list[BaseException]()  # a thread that asks gets the next start
+
+    def some() -> None:
+        try:
+            for start in starts:
+                work(start, min(start + block, items))
+        except BaseException as error:
+            errors.append(error)
+            for _ in starts:  # so that no thread begins another block
+                pass
+
+    threads = [Thread(target=some) for _ in range(min(cores(), len(blocks)) - 1)]
+    for thread in threads:
+        thread.start()
+    some()
+    for thread in threads:
+        thread.join()
+    if errors:
+        raise errors[0]

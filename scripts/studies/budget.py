@@ -14,6 +14,7 @@ Down a tuner's column something is lost at every step, and nothing else changes:
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from studies.draws import draw
 from studies.markdown import table
 from studies.rows import HEADS, Row, cells, errors, row
 from tuners import RECIPES, Recipe, load
-from tuners.features import Features
+from tuners.features import Features, known_name
 from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
 from tuners.learners.feedforward import FeedForwardSettings
@@ -101,18 +102,31 @@ def _information(
 
 def _kept(plant: Plant, features: Features) -> dict[str, Kept]:
     """Information (B, 2, 2) left of recordings step by step, for parameters and inputs."""
-    in_features = "information in the features"
-    if isinstance(features, Laguerre):
-        return {in_features: lambda theta, u: information.in_laguerre(plant, theta, u, features)}
-    if isinstance(features, Armax):
-        block = round(features.Ts / plant.Ts)
-        return {
-            f"information in averages over {block} samples": lambda theta, u: (
-                information.after_averaging(plant, theta, u, block)
-            ),
-            in_features: lambda theta, u: information.in_armax(plant, theta, u, features),
-        }
-    raise ValueError(f"{features} has no account of its information yet; use ARMAX or Laguerre.")
+    account = _ACCOUNTS.get(known_name(features))
+    if account is None:
+        raise ValueError(f"{features} has no account of its information; use ARMAX or Laguerre.")
+    return account(plant, features)
+
+
+def _of_laguerre(plant: Plant, features: Laguerre) -> dict[str, Kept]:
+    return {_LAST: lambda theta, u: information.in_laguerre(plant, theta, u, features)}
+
+
+def _of_armax(plant: Plant, features: Armax) -> dict[str, Kept]:
+    block = round(features.Ts / plant.Ts)
+    return {
+        f"information in averages over {block} samples": lambda theta, u: (
+            information.after_averaging(plant, theta, u, block)
+        ),
+        _LAST: lambda theta, u: information.in_armax(plant, theta, u, features),
+    }
+
+
+_LAST = "information in the features"
+_ACCOUNTS: dict[str, Callable[[Plant, Any], dict[str, Kept]]] = {
+    "laguerre": _of_laguerre,
+    "armax": _of_armax,
+}
 
 
 def _learned(

@@ -42,7 +42,7 @@ class Faulty:
 
     def part(self, index: slice) -> "Faulty":
         """Some of them."""
-        gain = self.gain if isinstance(self.gain, float) else self.gain[index]
+        gain = np.broadcast_to(self.gain, len(self.recording))[index]
         return replace(
             self, recording=self.recording.part(index), context=take(self.context, index), gain=gain
         )

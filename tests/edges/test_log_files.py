@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from studies import mutations
-from studies.log_files import PLAIN, SEED, log_files
+from studies.log_files import SEED, log_files
+from studies.log_writers import PLAIN
 from tuners.catalogue import load
 from tuners.cli.log_options import log_options
 from tuners.logs import LogError, Options, SelectionError, read_log

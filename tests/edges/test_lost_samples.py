@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from studies.log_files import PLAIN, log_files
+from studies.log_files import log_files
+from studies.log_writers import PLAIN
 from tuners.catalogue import load
 from tuners.logs import LogError, read_log
 from tuners.logs.lost import alone, frozen

@@ -5,9 +5,9 @@ import tracemalloc
 import gymnasium
 import numpy as np
 import pytest
+from every_environment import assert_identical
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
-from test_environments import assert_identical
 
 import yawrate_env
 from yawrate_env.env.yaw_rate_env import (

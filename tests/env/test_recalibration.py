@@ -6,11 +6,11 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
+from every_environment import assert_identical
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
-from test_environments import assert_identical
 
 from yawrate_env import RECALIBRATION_ID
 

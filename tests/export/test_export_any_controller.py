@@ -223,3 +223,11 @@ def test_what_cannot_be_written_is_refused(tmp_path):
         export(none, "c", tmp_path / "x", limits=(-1.0, 2.0))
     assert not list(tmp_path.iterdir())
     assert isinstance(PIDF, DigitalPID)
+
+
+@pytest.mark.parametrize("target", ["c", "json"])
+def test_a_controller_that_nobody_knows_is_refused(target, tmp_path):
+    unknown = Gains({"kp": 1.0, "Ti": 2.0}, Ts=TS, controller="my own")
+    with pytest.raises(ValueError, match="my own"):
+        export(unknown, target, tmp_path / "of", limits=(-1.0, 1.0))
+    assert not (tmp_path / "of").exists()

@@ -24,8 +24,12 @@ from first_order import described
 
 import tuners
 from tuners.export import export, features_program, first_stage_program, onnx_model, tuner_program
+from tuners.export.first_stage import FIRST_STAGES
+from tuners.export.second_stage import SECOND_STAGES
+from tuners.features import FEATURES
 from tuners.features.regularised import Regularised
 from tuners.features.response import FrequencyResponse
+from tuners.learners import LEARNERS
 from tuners.tuner.recording import Recording
 from yawrate_env.loop.design import Status, design_from_response
 from yawrate_env.loop.target import Target
@@ -40,6 +44,11 @@ PARTS = "yawrate_laguerre", "yawrate_tuner"
 COMPONENTS = Regularised(3, 5.0, (1.0, 0.5, 0.1), ((0.3, 0.0, 0.0), (0.0, 0.2, -0.1)), 1e-6)
 SHIPPED = {"ts-ff-lag": RTOL, "ts-ff-lag-vx": RTOL, "ts-gbm-lag": 1e-4, "rl": 1e-4}
 VALUES = np.array([[-1.0, -0.4], [-1.0, 0.0], [0.5, 0.3], [0.5, -1.6], [0.2, 0.3], [800, -1]])
+
+
+def test_what_can_be_written_goes_by_the_names_of_tuner_files():
+    assert FIRST_STAGES.keys() <= FEATURES.keys()
+    assert SECOND_STAGES.keys() <= LEARNERS.keys()
 
 
 def precision(case):

@@ -8,7 +8,8 @@ from two_by_two import simulate as of_two
 import tuners
 from studies.process_recordings import FAULTS, recordings
 from tuners.trust.actuator_curve import actuator_curves
-from tuners.trust.black_box import black_box, functions_for
+from tuners.trust.basis import functions_for
+from tuners.trust.black_box import black_box
 from tuners.tuner.recording import Recording
 from yawrate_env import plants
 from yawrate_env.plant.episodes import recorded, sample

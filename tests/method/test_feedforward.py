@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from tuners.learners.feedforward import (
-    FeedForward,
-    FeedForwardSettings,
-    nguyen_widrow,
-    normal_equations,
-)
+from tuners.learners.feedforward import FeedForward, FeedForwardSettings
+from tuners.learners.levenberg_marquardt import nguyen_widrow, normal_equations
 
 torch.set_num_threads(1)
 

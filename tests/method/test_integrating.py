@@ -69,7 +69,7 @@ def drifting(kind):
 @pytest.mark.parametrize("kind", ["rest", "level", "offset", "load"])
 def test_no_more_drift_is_estimated_than_there_is(kind):
     y, extra = drifting(kind)
-    model = black_box(PLANT, TUNER.black_box, PLANT.u[None], y[None], "auto")
+    model = black_box(PLANT, TUNER.inspection.black_box, PLANT.u[None], y[None], "auto")
     assert model.extra[0] == extra
     assert model.residual[0] / N == pytest.approx(SIGMA**2, rel=0.15)
 

@@ -9,7 +9,8 @@ from first_order import SIGMA, TS, U, linear, plant
 from vehicle_logs import VEHICLE, black, drive, learned
 
 import tuners
-from tuners.trust.black_box import black_box, functions_for
+from tuners.trust.basis import functions_for
+from tuners.trust.black_box import black_box
 from tuners.trust.fit import fit
 from tuners.tuner.method import Rung
 from tuners.tuner.pooling.agreement import Estimates, against_others
@@ -214,7 +215,7 @@ def test_the_right_car_is_rarely_called_out():
 
 def test_a_shifted_response_asks_for_so_much_more():
     tuner = black()
-    looks = [tuner.look(each) for each in at_20()]
+    looks = [tuner.inspection.look(each) for each in at_20()]
     zero = np.zeros((3, 1, 2))
     response = pooled([look.response for look in looks],
                       Coordinates.of([look.response for look in looks], zero, zero[0]))  # fmt: skip

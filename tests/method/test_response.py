@@ -5,8 +5,8 @@ from recordings import recorded, vehicles
 
 from tuners.features.laguerre import Laguerre
 from tuners.features.response import FrequencyResponse
-from yawrate_env.loop.margins import TransferFunction
 from yawrate_env.loop.simulation import simulate
+from yawrate_env.loop.transfer_function import TransferFunction
 from yawrate_env.vehicle.episode import plants
 from yawrate_env.vehicle.task import Task
 

@@ -61,6 +61,14 @@ def test_loading_never_trains(monkeypatch):
         assert tuner.gains(RECORDING).values.shape == (8, 2)
 
 
+@pytest.mark.parametrize("name", [n for n in tuners.NAMES if n not in UNTRAINED])
+def test_the_packages_vehicles_are_those_that_its_tuners_were_trained_for(name):
+    # Loading by name takes this for granted; as a file, a tuner is compared with its plant.
+    of_file, by_name = tuners.load(shipped(name)), tuners.load(name)
+    assert of_file.plant.arguments == by_name.plant.arguments
+    assert np.array_equal(of_file.gains(RECORDING).values, by_name.gains(RECORDING).values)
+
+
 def test_a_plant_is_for_tuners_that_need_no_training_or_checked():
     other = yaw_rate(Task(experiment=Experiment(Ts=0.01, N=1000)))
     assert tuners.load("gb", other).plant is other

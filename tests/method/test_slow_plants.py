@@ -153,7 +153,7 @@ KILLED = """
 import hashlib, os, signal, sys
 import tuners
 from slow_plant import plant
-from tuners.tuner.simulations import Store
+from tuners.tuner.simulation_store import Store
 
 put, left = Store.put, int(sys.argv[1])
 

@@ -30,7 +30,7 @@ def family(request):
 
 def modelled(family, recording, start):
     plant = FAMILIES[family]
-    functions = trained(family).black_box
+    functions = trained(family).inspection.black_box
     return black_box(plant, functions, recording.u, recording.y, start, recording.oversampled)
 
 

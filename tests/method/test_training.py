@@ -18,7 +18,7 @@ from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.gbm import GBMSettings
 from tuners.learners.trend import TrendSettings
-from tuners.trust.black_box import suited
+from tuners.trust.basis import suited
 from tuners.tuner.against_bound import remarks
 from tuners.tuner.examples import examples
 from tuners.tuner.method import Rung

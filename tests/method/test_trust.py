@@ -9,7 +9,8 @@ from families import tested as recordings
 from first_order import described, design
 
 from studies import faults
-from tuners.trust.black_box import black_box, functions_for
+from tuners.trust.basis import functions_for
+from tuners.trust.black_box import black_box
 from tuners.trust.fallback import fallback
 from tuners.trust.fit import fit, noise_level
 from tuners.trust.intervals import GAUSSIAN, conformal
@@ -29,7 +30,7 @@ from yawrate_env.vehicle.yaw_rate import yaw_rate
 @pytest.mark.parametrize("family", LINEAR)
 def test_the_fitted_plant_is_as_far_off_as_its_covariance_says(family, start):
     plant, episodes = FAMILIES[family], recordings(family, 40 if family in SLOW else 64)
-    model = black_box(plant, trained(family).black_box, episodes.u, episodes.y, start)
+    model = black_box(plant, trained(family).inspection.black_box, episodes.u, episodes.y, start)
     found = fit(plant, model, episodes.y, episodes.parameters(plant))
     np.testing.assert_array_equal(found.theta[:, plant.known], episodes.known[:, plant.known])
     low, high = plant.limits

@@ -7,7 +7,13 @@ import pytest
 
 import tuners
 from studies import recalibration, recalibration_agent, recalibration_page
-from studies.recalibration import begun, interface, ladder, ride, row, trials
+from studies.recalibration import (
+    begun,
+    interface,
+    ride,
+    row,
+)
+from studies.recalibration_rungs import ladder, trials
 from yawrate_env.vehicle.drives import Drives
 
 

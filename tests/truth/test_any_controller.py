@@ -9,10 +9,11 @@ from yawrate_env.loop.controllers import CONTROLLERS
 from yawrate_env.loop.dead_time import zoh_late
 from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.discretisation import zoh
-from yawrate_env.loop.margins import TransferFunction, margins
+from yawrate_env.loop.margins import margins
 from yawrate_env.loop.shaping import lqr
 from yawrate_env.loop.state_feedback import StateFeedback, reference_gain
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction
 from yawrate_env.plant.control_loop import ControlLoop
 
 TS, DELAY = 0.1, 2

@@ -3,6 +3,7 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -31,10 +32,17 @@ def test_blocks_cover_every_item_once(monkeypatch, cores, items):
 @pytest.mark.parametrize("cores", [1, 4])
 def test_an_error_in_a_block_reaches_the_caller_and_no_thread_stays(monkeypatch, cores):
     monkeypatch.setattr(compiled, "cores", lambda: cores)
-    before = threading.active_count()
+    before, begun = threading.active_count(), []
+
+    def work(start, stop):
+        begun.append(start)
+        time.sleep(0.001)
+        return 1 // (48 - start)
+
     with pytest.raises(ZeroDivisionError):
-        compiled.over_blocks(lambda i, j: 1 // (48 - i), 160, 16)
+        compiled.over_blocks(work, 1600, 16)
     assert threading.active_count() == before
+    assert len(begun) <= 4 + 2 * cores  # each thread may have had one in hand
 
 
 def triangular(n):

@@ -9,9 +9,9 @@ from scipy.linalg import expm
 
 from yawrate_env.loop.closed_loop import poles, time_response
 from yawrate_env.loop.dead_time import zoh_late
-from yawrate_env.loop.margins import TransferFunction, open_loop
 from yawrate_env.loop.simulation import simulate
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction, open_loop
 from yawrate_env.vehicle.discrete import plants
 from yawrate_env.vehicle.episode import loops
 from yawrate_env.vehicle.single_track import Context, Vehicle, context_of, state_space

@@ -7,8 +7,9 @@ from systems import contexts
 from yawrate_env.batch import take
 from yawrate_env.loop.design import Status, design, design_from_response, required_response
 from yawrate_env.loop.discretisation import zoh
-from yawrate_env.loop.margins import TransferFunction, margins, open_loop
+from yawrate_env.loop.margins import margins
 from yawrate_env.loop.target import CONTROLLERS, Target
+from yawrate_env.loop.transfer_function import TransferFunction, open_loop
 from yawrate_env.vehicle.episode import plants
 from yawrate_env.vehicle.single_track import Vehicle
 

@@ -182,7 +182,7 @@ def test_the_experiments_samples_at_another_sampling_time(Ts):
 def test_recordings_may_be_shorter_than_the_experiment():
     plant = described(linear=True, black_box=(24, 3.0))
     gray = tuners.load("gb", plant)
-    order, N = gray.black_box.order, 200
+    order, N = gray.inspection.black_box.order, 200
     y = plant.respond(plant.middle)[0] + SIGMA * np.random.default_rng(5).standard_normal(len(U))
     found = gray.tune(U[:N], y[:N])
     assert 10 * order > N

@@ -3,7 +3,8 @@ import pytest
 import scipy.linalg
 from systems import contexts
 
-from yawrate_env.loop.discretisation import ObserverForm, expm, zoh, zoh_with_sensitivity
+from yawrate_env.loop.discretisation import expm, zoh, zoh_with_sensitivity
+from yawrate_env.loop.observer_form import ObserverForm
 from yawrate_env.vehicle.single_track import Context, Vehicle, state_space, state_space_sensitivity
 
 SAMPLING_TIMES = [1e-4, 0.001, 0.01, 0.1]

@@ -6,7 +6,8 @@ from systems import CASES, contexts, control_plant, random_loops
 from yawrate_env.batch import take
 from yawrate_env.loop.closed_loop import poles, stable
 from yawrate_env.loop.discretisation import zoh
-from yawrate_env.loop.margins import TransferFunction, margins, open_loop
+from yawrate_env.loop.margins import margins
+from yawrate_env.loop.transfer_function import TransferFunction, open_loop
 from yawrate_env.vehicle.episode import plants
 from yawrate_env.vehicle.single_track import Vehicle
 

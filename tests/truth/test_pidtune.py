@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from tuners.pidtune import pidtune, tuning
 from yawrate_env.loop.design import Status, design
 from yawrate_env.loop.discretisation import zoh
-from yawrate_env.loop.margins import TransferFunction
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction
 
 TABLE = json.loads(
     (Path(__file__).parents[1] / "references" / "pidtune_reference.json").read_text("utf-8")

@@ -70,5 +70,5 @@ def test_one_loop_does_not_depend_on_the_batch():
 
 def test_a_linear_twin_is_refused():
     context = contexts(2, seed=3)
-    with pytest.raises(ValueError, match="LinearTwin.. is linear: use closed_loop.time_response"):
+    with pytest.raises(ValueError, match="LinearTwin.. is not of type NonlinearTwin"):
         time_domain(Task(), context, np.ones(2), np.ones(2))

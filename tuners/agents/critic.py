@@ -1,4 +1,4 @@
-"""How a cone is fitted to rewards that keep coming, and which actions are tried around its best.
+"""Critic: a cone fitted to rewards as they come, and the actions tried around its best.
 
 Residuals have weights ``1/(2 s + e^2/2)``, s the median error of the last fit's forecasts of new
 rewards: far from the best action a cone is a poor model.  Actions are Gaussian around the best one,

@@ -1,4 +1,4 @@
-"""What agents observe and choose: standardised features of recordings, and unit actions.
+"""Spaces of agents: standardised features of recordings to observe, unit actions to choose.
 
 Two pure maps that wrappers, agents and exported data sets share.
 """

@@ -1,4 +1,4 @@
-"""What an agent remembers of earlier windows of ``yawrate/PIRecalibration-v0``, with free settings.
+"""Memory of the earlier windows of ``yawrate/PIRecalibration-v0``, with free settings.
 
 An observation tells two estimates z and their covariance C, in standard deviations of a prior.
 Memory is a normal distribution that follows them (`tuners.recalibration.belief`): between windows

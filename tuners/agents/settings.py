@@ -1,4 +1,4 @@
-"""How an agent is trained; needs neither torch nor Stable-Baselines3."""
+"""Settings of an agent's training; needs neither torch nor Stable-Baselines3."""
 
 from dataclasses import dataclass
 

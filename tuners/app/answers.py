@@ -1,4 +1,4 @@
-"""What the page is told of a log: how it was understood, its plot, the answer, files of it."""
+"""Answers to the page about a log: how it was understood, its plot, the gains, files of it."""
 
 import io
 import json

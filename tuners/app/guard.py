@@ -1,4 +1,4 @@
-"""What every request must pass before anything reads it: token, origin, size."""
+"""Checks of every request before anything reads it: token, origin, size."""
 
 import secrets
 

@@ -1,4 +1,4 @@
-"""What the commands about drives share: the car, and whole logs."""
+"""Shared parts of the commands about drives: the car, and whole logs."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -28,6 +28,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from tuners.export.controllers import form_of
 from tuners.export.digital_pi import DigitalPI
 from tuners.export.digital_pid import DigitalPID
 from tuners.export.digital_state_feedback import DigitalStateFeedback
@@ -35,22 +36,20 @@ from tuners.export.documents import (
     gains_text,
     json_text,
     matlab_script,
-    pid_text,
-    state_feedback_text,
 )
 from tuners.export.features_program import features_program
 from tuners.export.gains import Gains, plant_settings
 from tuners.export.loops_program import loops_program
 from tuners.export.onnx_tuner import onnx_model
-from tuners.export.pi_program import REALS, pi_program
+from tuners.export.pi_program import pi_program
 from tuners.export.pid_program import pid_program, state_feedback_program
+from tuners.export.programs import REALS
 from tuners.export.schedule_program import GainTable, schedule_program
 from tuners.export.tuner_program import first_stage_program, tuner_program
 from tuners.tuner.schedule import Schedule
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
 from yawrate_env.files import check_regular, replacing, write_text
-from yawrate_env.loop.state_feedback import STATE_FEEDBACK
 from yawrate_env.plant.plant import Plant
 
 __all__ = [
@@ -134,36 +133,18 @@ def export(
         files = first_stage_program(source) if features else tuner_program(source)
         return _write_all(where, files)
     gains = Gains.of(source, plant)
-    if target == "c":
-        return _write_all(where, _program(gains, Ts, limits, real))
     if target == "matlab":
         text = matlab_script(gains.pi(Ts, limits))
-    elif limits is None and (gains.limits is None or gains.refusal):
+    elif target == "json" and limits is None and (gains.limits is None or gains.refusal):
         text = gains_text(gains, Ts)
     else:
-        text = _document(gains, Ts, limits)
+        form = form_of(gains)
+        controller = form.make(gains, Ts, limits)
+        if target == "c":
+            return _write_all(where, form.program(controller, real=real))
+        text = form.document(controller, gains)
     write_text(where, text)
     return [where]
-
-
-def _program(gains: Gains, Ts: float | None, limits: Any, real: str) -> dict[str, str]:
-    """The controller's C99 program, or the controllers'."""
-    if gains.channels is not None:
-        return loops_program(gains, limits, Ts, real)
-    if gains.controller == STATE_FEEDBACK:
-        return state_feedback_program(gains.state_feedback(Ts, limits), real=real)
-    if gains.is_pi:
-        return pi_program(gains.pi(Ts, limits), real=real)
-    return pid_program(gains.pid(Ts, limits), real=real)
-
-
-def _document(gains: Gains, Ts: float | None, limits: tuple[float, float] | None) -> str:
-    """The controller as JSON."""
-    if gains.controller == STATE_FEEDBACK:
-        return state_feedback_text(gains.state_feedback(Ts, limits), gains)
-    if gains.is_pi:
-        return json_text(gains.pi(Ts, limits))
-    return pid_text(gains.pid(Ts, limits), gains)
 
 
 def write_schedule(

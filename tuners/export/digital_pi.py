@@ -16,15 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.export.digital import SATURATED, SLOWEST, check_limits, check_single, units
 from yawrate_env import validation
 from yawrate_env.loop import controller
-from yawrate_env.plant.names import split
 
 Array = NDArray[np.float64]
-
-SLOWEST = 1e3  # [s]
-SATURATED = 1e3  # the largest error's part in the output, in distances of the limits
-_LEAST, _LARGEST = (float(x) for x in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,20 +52,12 @@ class DigitalPI:
                               remedy="Export gains that a tuner found.")  # fmt: skip
         validation.number("Ts", self.Ts, above=0.0, at_most=SLOWEST, remedy="Give it in seconds.")
         check_limits(self.low, self.high, self.units[0])
-        for name in ("gain", "step", "tracking", "largest", "low", "high"):
-            size = abs(getattr(self, name))
-            least = 0.0 if name in ("low", "high") and size == 0.0 else _LEAST
-            validation.number(
-                f"abs({name})", size, at_least=least, at_most=_LARGEST,
-                remedy="Single precision must hold it: export kp, Ti, Ts and limits of ordinary "
-                "size.",
-            )  # fmt: skip
+        check_single(self, ("gain", "step", "tracking", "largest"))
 
     @property
     def units(self) -> tuple[str, str]:
         """Of command and output; where a name has none, ``unit of u``."""
-        command, output = map(unit, self.signals)
-        return command, output
+        return units(self.signals)
 
     @property
     def gain(self) -> float:
@@ -125,20 +113,3 @@ class DigitalPI:
 
     def _coefficients(self) -> tuple[Array, Array]:
         return controller.pi_coefficients(np.asarray(self.kp), np.asarray(self.Ti), self.Ts)
-
-
-def unit(signal: str) -> str:
-    """A signal's unit, the part of its name in brackets."""
-    name, bracket = split(signal.strip())
-    return bracket or f"unit of {name}"
-
-
-def check_limits(low: float, high: float, unit: str) -> None:
-    """``ValueError`` unless limits of a command are finite and in order."""
-    for name, value in (("low", low), ("high", high)):
-        validation.number(name, value, remedy=f"Give a finite limit in {unit}.")
-    if not low < high:
-        raise ValueError(
-            f"limits = [{low:g}, {high:g}] must have low below high. "
-            f"Give the least and the largest command in {unit}."
-        )

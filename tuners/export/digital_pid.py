@@ -19,13 +19,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.export.digital_pi import SATURATED, SLOWEST, check_limits, unit
+from tuners.export.digital import (
+    LARGEST,
+    SATURATED,
+    SLOWEST,
+    check_limits,
+    check_single,
+    units,
+)
 from yawrate_env import validation
 
 Array = NDArray[np.float64]
 
 _BEYOND = 1e6  # of the largest error: references that no loop is for
-_LEAST, _LARGEST = (float(x) for x in (np.finfo(np.float32).tiny, np.finfo(np.float32).max))
 _ROUNDING = 1e-9
 
 
@@ -69,19 +75,12 @@ class DigitalPID:
                           remedy="A faster filter needs a shorter Ts.")  # fmt: skip
         check_limits(self.low, self.high, self.units[0])
         validation.number("Kp + Ki Ts", self.Kp + self.step, above=0.0, remedy=remedy)
-        for name in ("Kp", "half", "step", "rate", "tracking", "largest", "low", "high"):
-            size = abs(getattr(self, name))
-            validation.number(
-                f"abs({name})", size, at_least=_LEAST if size else 0.0, at_most=_LARGEST,
-                remedy="Single precision must hold it: export gains, Ts and limits of ordinary "
-                "size.",
-            )  # fmt: skip
+        check_single(self, (), ("Kp", "half", "step", "rate", "tracking", "largest"))
 
     @property
     def units(self) -> tuple[str, str]:
         """Of command and output; where a name has none, ``unit of u``."""
-        command, output = map(unit, self.signals)
-        return command, output
+        return units(self.signals)
 
     @property
     def half(self) -> float:
@@ -120,7 +119,7 @@ class DigitalPID:
     @property
     def beyond(self) -> float:
         """Size of reference beyond which the output is held."""
-        return min(_BEYOND * self.largest, _LARGEST)
+        return min(_BEYOND * self.largest, LARGEST)
 
     def run(self, reference: Array, measured: Array, *, start: tuple[float, float, float]) -> Array:
         """Commands (N,) for references and outputs (N,); what exported programs must reproduce.

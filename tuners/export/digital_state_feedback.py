@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.export.digital_pi import check_limits, unit
+from tuners.export.digital import check_limits, unit
 from yawrate_env import validation
 
 Array = NDArray[np.float64]

@@ -8,16 +8,12 @@ principal components.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from tuners.export.first_stage import OnLaguerre, first_stage
 from tuners.export.golden import GoldenSignals
-from tuners.export.parts import OnLaguerre
 from tuners.export.programs import program
-from tuners.features.laguerre import Laguerre
-from tuners.features.regularised import Regularised
-from tuners.features.response import FrequencyResponse
 from yawrate_env import validation
 
 _TOLERANCE = 1e-8  # of the largest feature: the equations lose half of the digits
@@ -45,6 +41,7 @@ def features_program(
         Prefix of the files and of all that they declare.
     """
     validation.number("Ts", Ts, above=0.0, remedy="Give the sampling time in seconds.")
+    written = first_stage(stage)
     pole = float(np.exp(-stage.pole * Ts))
     test = GoldenSignals.of(stage.pole, Ts, inputs=len(inputs), outputs=len(outputs))
     golden = stage(*test(), Ts)[0][0]
@@ -59,43 +56,20 @@ def features_program(
         "golden_signals": test,
         "tolerance": _TOLERANCE * np.abs(golden).max(),
         **sizes(stage, len(inputs), len(outputs)),
-        **_solve(stage, Ts),
+        "solve": written.solve,
+        "description": written.description,
+        **written.constants(stage, Ts),
     }
     return program("features", name, values)
 
 
 def sizes(stage: OnLaguerre, inputs: int, outputs: int) -> dict[str, int]:
     """Samples that a recording must have, and bytes of state, constants and (roughly) stack."""
-    n, features = stage.order * inputs, stage.width
-    match stage:
-        case Laguerre():
-            solved, constants, least = n, 0, 10 * n
-        case Regularised():
-            solved, constants, least = features, 1 + n * (1 + features), 2 * n
-        case FrequencyResponse():
-            solved, constants, least = n, 1 + n * features, 10 * n
+    n = stage.order * inputs
+    solved, constants, least = first_stage(stage).counts(stage, n)
     return {
         "least_samples": least,
         "state_size": 8 * (1 + inputs + n + n * n + outputs * n),
         "constant_size": 8 * (4 + constants),
         "stack_size": 8 * solved * (solved + 4),
     }
-
-
-def _solve(stage: OnLaguerre, Ts: float) -> dict[str, Any]:
-    """The template that makes features of the equations, its description and its constants."""
-    match stage:
-        case Laguerre():
-            return {"solve": "coefficients.c", "description": "Coefficients"}
-        case Regularised():
-            return {
-                "solve": "components.c",
-                "description": "Principal components of coefficients",
-            }
-        case FrequencyResponse():
-            return {
-                "solve": "response.c",
-                "description": "Log magnitude and phase [rad]",
-                "functions": stage.functions(Ts),
-                "turn": 2 * np.pi,
-            }

@@ -9,7 +9,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from tuners.export.digital_pi import SLOWEST, DigitalPI, unit
+from tuners.export.digital import SLOWEST, unit
+from tuners.export.digital_pi import DigitalPI
 from tuners.export.digital_pid import DigitalPID
 from tuners.export.digital_state_feedback import DigitalStateFeedback
 from tuners.export.forms import controller_of
@@ -123,8 +124,10 @@ class Gains:
     def refusal(self) -> str:
         """Why no controller can be written for them; empty where one can."""
         instead = "no other controller is written. Export the gains to target json, without limits."
-        if self.controller in CONTROLLERS or self.controller == STATE_FEEDBACK:
+        if self.controller in (*CONTROLLERS, STATE_FEEDBACK):
             return ""
+        if self.controller:
+            return f"controller {self.controller!r} is not known, and {instead}"
         if set(self.values) != set(GAINS):
             return f"gains {', '.join(self.values)} are not a PI's kp and Ti, and {instead}"
         form = "pi" if self.target is None else self.target.controller

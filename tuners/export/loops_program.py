@@ -14,7 +14,7 @@ import numpy as np
 
 from tuners.export.digital_pi import DigitalPI
 from tuners.export.gains import Gains
-from tuners.export.pi_program import golden_errors, pi_program
+from tuners.export.pi_program import TOLERANCES, golden_errors, pi_program
 from tuners.export.programs import program
 
 NAME = "yawrate_loops"
@@ -96,14 +96,17 @@ def loops_program(
     real : {"double", "float"}
         Type of the programs' numbers.
     """
-    loops = Loop.all_of(gains, limits, Ts)
+    return program_of(Loop.all_of(gains, limits, Ts), real=real)
+
+
+def program_of(loops: Sequence[Loop], *, real: str = "double") -> dict[str, str]:
+    """The same of loops."""
     files: dict[str, str] = {}
     for loop in loops:
         files |= pi_program(loop.pi, real=real, name=f"yawrate_{loop.name}")
     runs = [(*golden_errors(loop.pi), loop) for loop in loops]
     errors = np.stack([loop.sign * errors for errors, _, loop in runs], axis=1)
     commands = np.stack([loop.pi.run(e, start=start) for e, start, loop in runs], axis=1)
-    tolerance = {"double": 1e-12, "float": 2e-5}[real]
     largest = max(abs(end) for loop in loops for end in (loop.pi.low, loop.pi.high))
     values = {
         "loops": loops,
@@ -112,6 +115,6 @@ def loops_program(
         "errors": errors,
         "commands": commands,
         "starts": [(loop.sign * start[0], start[1]) for _, start, loop in runs],
-        "tolerance": tolerance * max(largest, 1.0),
+        "tolerance": TOLERANCES[real] * max(largest, 1.0),
     }
     return files | program("loops", NAME, values)

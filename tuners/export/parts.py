@@ -9,10 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.features.integrated import Integrated
-from tuners.features.laguerre import Laguerre
-from tuners.features.regularised import Regularised
-from tuners.features.response import FrequencyResponse
+from tuners.export.first_stage import OnLaguerre, can_be_written, first_stage
 from tuners.learners import Learner
 from tuners.tuner.stages import Stages, coordinates_of
 from tuners.tuner.tuner import Tuner
@@ -21,9 +18,6 @@ from yawrate_env.plant.parametrisation import Parametrisation, sign_of
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
-
-OnLaguerre = Laguerre | Regularised | FrequencyResponse
-"""First stages that begin with the same sums."""
 
 _EXPORTED = (
     "Export ts-ff-lag, ts-gbm-lag, ts-ff-lag-vx, or a tuner with Laguerre features, as "
@@ -67,7 +61,7 @@ class Parts:
                 f"{type(stages).__name__}, not two stages. {_EXPORTED}"
             )
         stage = stages.features
-        if not isinstance(stage, OnLaguerre) or isinstance(stage, Integrated):
+        if not can_be_written(stage):
             raise ValueError(
                 f"tuner {tuner!r} cannot be exported: its features are "
                 f"{type(stage).__name__}, and only those on Laguerre functions can. "
@@ -121,7 +115,7 @@ class Parts:
         return tuple(sign_of(*each) for each in self.columns) or (1,) * len(self.plant.gains)
 
     def _check(self) -> None:
-        if self.plant.rows > 2 and not isinstance(self.features, Laguerre):
+        if self.plant.rows > 2 and not first_stage(self.features).several:
             raise ValueError(
                 f"features = {type(self.features).__name__} are exported of one input and one "
                 "output, and of several where they are Laguerre coefficients. Train with those."

@@ -4,12 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.export.digital_pi import DigitalPI
-from tuners.export.programs import program
-from yawrate_env import validation
+from tuners.export.programs import controller_program
 
-REALS = "double", "float"
-
-_TOLERANCE = {"double": 1e-12, "float": 2e-5}
+TOLERANCES = {"double": 1e-12, "float": 2e-5}
 
 
 def pi_program(pi: DigitalPI, *, real: str = "double", name: str = "yawrate_pi") -> dict[str, str]:
@@ -24,17 +21,9 @@ def pi_program(pi: DigitalPI, *, real: str = "double", name: str = "yawrate_pi")
     name : str
         Prefix of the files and of all that they declare.
     """
-    validation.one_of("real", real, REALS)
     errors, start = golden_errors(pi)
-    values = {
-        "pi": pi,
-        "real": real,
-        "start": start,
-        "errors": errors,
-        "commands": pi.run(errors, start=start),
-        "tolerance": _TOLERANCE[real] * max(abs(pi.low), abs(pi.high), 1.0),
-    }
-    return program("pi", name, values)
+    signals = {"start": start, "errors": errors, "commands": pi.run(errors, start=start)}
+    return controller_program("pi", pi, signals, TOLERANCES, real=real, name=name)
 
 
 def golden_errors(pi: DigitalPI) -> tuple[NDArray[np.float64], tuple[float, float]]:

@@ -5,13 +5,12 @@ from numpy.typing import NDArray
 
 from tuners.export.digital_pid import DigitalPID
 from tuners.export.digital_state_feedback import DigitalStateFeedback
-from tuners.export.pi_program import REALS
-from tuners.export.programs import program
-from yawrate_env import validation
+from tuners.export.pi_program import TOLERANCES
+from tuners.export.programs import controller_program
 
 Array = NDArray[np.float64]
 
-_TOLERANCE = {"double": 1e-11, "float": 1e-3}
+_TOLERANCES = {"double": 1e-11, "float": 1e-3}
 _COUNT = 240
 
 
@@ -29,18 +28,14 @@ def pid_program(
     name : str
         Prefix of the files and of all that they declare.
     """
-    validation.one_of("real", real, REALS)
     reference, measured, start = golden_signals(pid)
-    values = {
-        "pid": pid,
-        "real": real,
+    signals = {
         "start": start,
         "references": reference,
         "measured": measured,
         "commands": pid.run(reference, measured, start=start),
-        "tolerance": _TOLERANCE[real] * max(abs(pid.low), abs(pid.high), 1.0),
     }
-    return program("pid", name, values)
+    return controller_program("pid", pid, signals, _TOLERANCES, real=real, name=name)
 
 
 def golden_signals(pid: DigitalPID) -> tuple[Array, Array, tuple[float, float, float]]:
@@ -78,20 +73,16 @@ def state_feedback_program(
     name : str
         Prefix of the files and of all that they declare.
     """
-    validation.one_of("real", real, REALS)
     rng, n = np.random.default_rng(0), len(of.gains)
     wide = of.high - of.low
     sizes = wide / np.maximum(np.abs(list(of.gains.values())), 1e-3 * wide)
     states = sizes * rng.uniform(-1, 1, (60, n))
     reference = wide / max(abs(of.reference_gain), 1e-3 * wide) * rng.uniform(-0.3, 0.3, 60)
     states[[20, 30], 0], reference[40], start = (np.nan, np.inf), np.nan, of.low + 0.6 * wide
-    values = {
-        "of": of,
-        "real": real,
+    signals = {
         "start": start,
         "references": reference,
         "states": states.ravel(),
         "commands": of.run(reference, states, start=start),
-        "tolerance": (1e-12 if real == "double" else 2e-5) * max(abs(of.low), abs(of.high), 1.0),
     }
-    return program("state_feedback", name, values)
+    return controller_program("state_feedback", of, signals, TOLERANCES, real=real, name=name)

@@ -3,12 +3,18 @@
 The test holds golden vectors; its exit status is 0 where the program reproduces them.
 """
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
 import yawrate_env
 from tuners.export import literals
+from tuners.export.digital import Limited
+from yawrate_env import validation
 from yawrate_env.loop.design import Status
+
+REALS = "double", "float"
+"""Types of a controller's numbers."""
 
 STATUS = {
     "ok": int(Status.OK),
@@ -33,6 +39,38 @@ def program(template: str, name: str, values: dict[str, Any]) -> dict[str, str]:
     literals.check_name(name)
     ends = ".h", ".c", "_test.c"
     return {f"{name}{end}": render(f"{template}{end}", {**values, "name": name}) for end in ends}
+
+
+def controller_program(
+    template: str,
+    controller: Limited,
+    signals: Mapping[str, Any],
+    tolerances: Mapping[str, float],
+    *,
+    real: str,
+    name: str,
+) -> dict[str, str]:
+    """Header, source and test program of a controller, by file name.
+
+    Parameters
+    ----------
+    template : str
+        As for `program`; the templates know the controller by this name, too.
+    controller : Limited
+        The controller.
+    signals : dict
+        The test's signals, with the ``commands`` that the controller answers.
+    tolerances : dict
+        Largest error of the commands, of the larger limit, by type of the numbers.
+    real : {"double", "float"}
+        Type of all numbers.
+    name : str
+        Prefix of the files and of all that they declare.
+    """
+    validation.one_of("real", real, REALS)
+    largest = max(abs(controller.low), abs(controller.high), 1.0)
+    own = {template: controller, "real": real, "tolerance": tolerances[real] * largest}
+    return program(template, name, {**own, **signals})
 
 
 def render(template: str, values: dict[str, Any]) -> str:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.export.pi_program import REALS
-from tuners.export.programs import program
+from tuners.export.pi_program import TOLERANCES
+from tuners.export.programs import REALS, program
 from tuners.tuner.schedule import Schedule
 from yawrate_env import validation
 from yawrate_env.plant.names import split
@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 WITHIN, BEYOND, INVALID = range(3)
 """What a lookup returns: interpolated, the nearest end's gains, or nothing."""
 
-_TOLERANCE = {"double": 1e-12, "float": 2e-5}
 _LEFT = -1.0  # what the test holds before a lookup that writes nothing
 
 
@@ -102,7 +101,7 @@ def schedule_program(
         "asked": asked,
         "statuses": [status for status, _ in found],
         "expected": [np.nan_to_num(gains, nan=_LEFT) for _, gains in found],
-        "tolerance": _TOLERANCE[real],
+        "tolerance": TOLERANCES[real],
     }
     return program("schedule", name, values)
 

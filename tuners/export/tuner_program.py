@@ -12,19 +12,13 @@ from tuners.export.features_program import features_program, sizes
 from tuners.export.golden import GoldenSignals
 from tuners.export.parts import Parts
 from tuners.export.programs import program
-from tuners.learners import Learner
-from tuners.learners.actor import Agent
-from tuners.learners.feedforward import FeedForward
-from tuners.learners.gbm import GBM
-from tuners.learners.polynomial import Polynomial
-from tuners.learners.trend import Trend
+from tuners.export.second_stage import second_stage
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import LEAST_LAG
 from yawrate_env.plant.episodes import sample
 
 _PLANTS = 24
 _TOLERANCE = 1e-9  # relative, of gains
-_INSTEAD = ", the whole tuner to target onnx, or one with a network, such as ts-ff-lag"
 
 
 def tuner_program(
@@ -45,7 +39,7 @@ def tuner_program(
         The tuner cannot be written in C; the message says why, and what can.
     """
     parts = Parts.of(tuner)
-    plant, learner = parts.plant, _network(parts.learner)
+    plant, learner = parts.plant, second_stage(parts.learner).program(parts.learner)
     channels = plant.inputs_named, plant.outputs_named
     size, network = sizes(parts.features, *map(len, channels)), learner["network"]
     own = 3 * parts.width + len(network.b1)
@@ -85,27 +79,6 @@ def first_stage_program(tuner: Any, *, name: str = "yawrate_laguerre") -> dict[s
     plant = parts.plant
     inputs, outputs = plant.inputs_named, plant.outputs_named
     return features_program(parts.features, plant.Ts, inputs=inputs, outputs=outputs, name=name)
-
-
-def _network(learner: Learner) -> dict[str, Any]:
-    """The network, and the trend before it if any; ``ValueError`` for other learners."""
-    match learner:
-        case FeedForward():
-            return {"network": learner, "trend": None}
-        case Trend(polynomial=trend, rest=FeedForward() as network):
-            return {"network": network, "trend": trend}
-        case Trend() | GBM():
-            why, instead = "boosted trees, thousands of nodes each", _INSTEAD
-        case Polynomial():
-            why, instead = "polynomial", _INSTEAD
-        case Agent():
-            why, instead = "agent", _INSTEAD
-        case _:
-            why, instead = f"learner, a {type(learner).__name__},", ""
-    raise ValueError(
-        f"the tuner's {why} cannot be written in C. Export its first stage alone with "
-        f"features=True (--features){instead}."
-    )
 
 
 def _decoding(parts: Parts) -> dict[str, Any]:

@@ -152,8 +152,12 @@ def _check_channels(stage: Features, u: Array) -> None:
         )
 
 
+def known_name(stage: Any) -> str:
+    """Name of one of `FEATURES`; empty for others."""
+    return {kind: name for name, kind in FEATURES.items()}.get(type(stage), "")
+
+
 def settings_of(stage: Features) -> dict[str, Any]:
     """Name and settings: what `features_named` takes, as plain JSON values."""
-    names = {kind: name for name, kind in FEATURES.items()}
-    name = names.get(type(stage)) or entry.of(type(stage), "features")
+    name = known_name(stage) or entry.of(type(stage), "features")
     return {"name": name, **asdict(stage)}  # type: ignore[call-overload]

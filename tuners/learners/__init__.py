@@ -85,10 +85,14 @@ def settings_for(learner: Any) -> Settings:
     return learner  # type: ignore[no-any-return]
 
 
+def known_name(learner: Any) -> str:
+    """Name of one of `LEARNERS`; empty for others."""
+    return {kind: name for name, kind in LEARNERS.items()}.get(type(learner), "")
+
+
 def name_of(learner: Any) -> str:
     """The name by which a tuner file knows a trained learner."""
-    kinds = {kind: name for name, kind in LEARNERS.items()}
-    return kinds.get(type(learner)) or entry.of(type(learner), "learner")
+    return known_name(learner) or entry.of(type(learner), "learner")
 
 
 def learner_named(name: str, arrays: dict[str, NDArray[Any]]) -> Learner:

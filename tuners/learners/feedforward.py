@@ -1,10 +1,8 @@
 """Second stage: one hidden layer of tanh, trained by Levenberg and Marquardt's method.
 
 What MATLAB's ``feedforwardnet`` and ``trainlm`` do with the paper's settings: inputs and
-targets scaled to [-1, 1], weights started by Nguyen and Widrow's rule (1990), Gauss-Newton
-steps with damping ``mu`` (Hagan and Menhaj, 1994), stop when the validation error has
-risen so many times in a row, best weights kept.  With one hidden layer the Jacobian is
-written down directly, which is several times faster than automatic differentiation.
+targets scaled to [-1, 1], steps of `tuners.learners.levenberg_marquardt`, stop when the validation
+error has risen so many times in a row, best weights kept.
 
 PyTorch trains; the trained network is NumPy alone, so that using it does not import torch.
 """
@@ -17,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.learners.batches import Batches, Progress
+from tuners.learners.levenberg_marquardt import layers, nguyen_widrow, train
 from tuners.learners.threads import threads
 from yawrate_env.compiled import cores
 from yawrate_env.validation import count, finite_array, number
@@ -27,9 +26,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _NUMBERS_FOR_THREADS = 50_000
-_LEAST_GRADIENT = 1e-7
-_ROWS = 1024
-_MU_MAX = 1e10
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +80,8 @@ class FeedForwardSettings:
         rng = np.random.default_rng(random_state)
         weights = torch.from_numpy(nguyen_widrow(n, self.neurons, outputs, rng))
         with threads(1 if rows * n < _NUMBERS_FOR_THREADS else cores()):
-            weights = _train(weights, shape, fitted, checked, self, progress)
-        W1, b1, W2, b2 = (layer.numpy() for layer in _layers(weights, shape))
+            weights = train(weights, shape, fitted, checked, self, progress)
+        W1, b1, W2, b2 = (layer.numpy() for layer in layers(weights, shape))
         return FeedForward(W1, b1, W2, b2, *scaling)
 
 
@@ -196,137 +192,3 @@ class FeedForward:
         return cls(
             arrays["W1"], arrays["b1"], arrays["W2"], arrays["b2"], inputs=inputs, outputs=outputs
         )
-
-
-def nguyen_widrow(n: int, neurons: int, outputs: int, rng: np.random.Generator) -> Array:
-    """Initial weights, flat: hidden units spread evenly over the scaled inputs."""
-    magnitude = 0.7 * neurons ** (1 / n)
-    direction = rng.uniform(-1, 1, (neurons, n))
-    W1 = magnitude * direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    b1 = magnitude * np.linspace(-1, 1, neurons) * np.sign(W1[:, 0])
-    W2 = rng.uniform(-1, 1, (outputs, neurons)) / np.sqrt(neurons)
-    return np.concatenate([W1.ravel(), b1, W2.ravel(), np.zeros(outputs)])
-
-
-def _layers(
-    weights: "torch.Tensor", shape: tuple[int, int, int]
-) -> "tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]":
-    import torch
-
-    n, h, o = shape
-    W1, b1, W2, b2 = torch.split(weights, [h * n, h, o * h, o])
-    return W1.reshape(h, n), b1, W2.reshape(o, h), b2
-
-
-def _error(
-    weights: "torch.Tensor", shape: tuple[int, int, int], x: "torch.Tensor", t: "torch.Tensor"
-) -> "torch.Tensor":
-    W1, b1, W2, b2 = _layers(weights, shape)
-    return (x @ W1.T + b1).tanh() @ W2.T + b2 - t
-
-
-def _loss(weights: "torch.Tensor", shape: tuple[int, int, int], batches: _Scaled) -> float:
-    """Mean squared error."""
-    total, count = 0.0, 0
-    for x, t in batches:
-        error = _error(weights, shape, x, t)
-        total, count = total + float((error**2).sum()), count + error.numel()
-    return total / count
-
-
-def _summed(
-    weights: "torch.Tensor", shape: tuple[int, int, int], batches: _Scaled
-) -> "tuple[float, torch.Tensor, torch.Tensor]":
-    """`normal_equations` of all rows."""
-    rows, loss = 0, 0.0
-    Je, JJ = weights.new_zeros(len(weights)), weights.new_zeros(len(weights), len(weights))
-    for x, t in batches:
-        parts = normal_equations(weights, shape, x, t)
-        rows += len(x)
-        share = len(x) / rows
-        loss += (float(parts[0]) - loss) * share
-        Je += (parts[1] - Je) * share
-        JJ += (parts[2] - JJ) * share
-    return loss, Je, JJ
-
-
-def normal_equations(
-    weights: "torch.Tensor", shape: tuple[int, int, int], x: "torch.Tensor", t: "torch.Tensor"
-) -> "tuple[torch.Tensor, torch.Tensor, torch.Tensor]":
-    """Mean squared error, half its gradient, and its Gauss-Newton matrix J'J/(m o).
-
-    Every output has the same Jacobian ``Z = [slope x, slope, hidden, 1]``, but for the weights
-    that scale the columns of W1 and b1.  ``Z'Z`` and ``Z'e`` are therefore summed once, in
-    blocks that fit the cache, and scaled afterwards.
-    """
-    import torch
-
-    n, h, o = shape
-    W1, b1, W2, b2 = _layers(weights, shape)
-    first, width = h * n + h, h * n + 2 * h + 1
-    ZZ, Ze = weights.new_zeros(width, width), weights.new_zeros(width, o)
-    squares = weights.new_zeros(())
-    for inputs, targets in zip(torch.split(x, _ROWS), torch.split(t, _ROWS), strict=True):
-        hidden = (inputs @ W1.T + b1).tanh()
-        error = hidden @ W2.T + b2 - targets
-        slope = 1 - hidden**2
-        outer = (slope[:, :, None] * inputs[:, None, :]).reshape(-1, h * n)
-        Z = torch.cat([outer, slope, hidden, hidden.new_ones(len(hidden), 1)], dim=1)
-        ZZ.addmm_(Z.T, Z)
-        Ze.addmm_(Z.T, error)
-        squares += (error**2).sum()
-    unit = torch.cat([torch.arange(h).repeat_interleave(n), torch.arange(h)])
-    scale = W2[:, unit]  # (o, first)
-    JJ = weights.new_zeros(len(weights), len(weights))
-    JJ[:first, :first] = scale.T @ scale * ZZ[:first, :first]
-    for k in range(o):
-        own = torch.cat([first + k * h + torch.arange(h), torch.tensor([first + o * h + k])])
-        JJ[:first, own] = scale[k, :, None] * ZZ[:first, first:]
-        JJ[own, :first] = JJ[:first, own].T
-        JJ[own[:, None], own] = ZZ[first:, first:]
-    to_first = (scale.T * Ze[:first]).sum(dim=1)
-    Je = torch.cat([to_first, Ze[first:-1].T.ravel(), Ze[-1]])
-    count = len(x) * o
-    return squares / count, Je / count, JJ / count
-
-
-def _train(
-    weights: "torch.Tensor",
-    shape: tuple[int, int, int],
-    training: _Scaled,
-    validation: _Scaled,
-    settings: FeedForwardSettings,
-    progress: Progress | None,
-) -> "torch.Tensor":
-    import torch
-
-    mu, fails, done = settings.mu, 0, 0
-    best, best_error = weights, _loss(weights, shape, validation)
-    eye = torch.eye(len(weights), dtype=weights.dtype)
-    while done < settings.epochs:
-        loss, Je, JJ = _summed(weights, shape, training)
-        if 2 * Je.norm() < _LEAST_GRADIENT:
-            break
-        while mu <= _MU_MAX:
-            factor, info = torch.linalg.cholesky_ex(JJ + mu * eye)
-            if info == 0:
-                trial = weights - torch.cholesky_solve(Je[:, None], factor)[:, 0]
-                if _loss(trial, shape, training) < loss:
-                    weights, mu = trial, mu * settings.mu_decrease
-                    break
-            mu *= settings.mu_increase
-        else:
-            break
-        error = _loss(weights, shape, validation)
-        if error < best_error:
-            best, best_error, fails = weights, error, 0
-        else:
-            fails += 1
-        done += 1
-        if progress is not None:
-            progress(done, settings.epochs)
-        if fails >= settings.max_fail:
-            break
-    if progress is not None and 0 < done < settings.epochs:
-        progress(done, done)  # it goes no further
-    return best

@@ -7,10 +7,11 @@ import numpy as np
 
 from tuners.logs import excitation, measured
 from tuners.logs.actuator import through_actuator
-from tuners.logs.columns import Quantity, channels, find
+from tuners.logs.columns import channels, find
 from tuners.logs.excitation import Excitation
 from tuners.logs.formats import read_table
 from tuners.logs.options import Options
+from tuners.logs.quantities import Quantity
 from tuners.logs.sampling import Plan, sampled
 from tuners.logs.stretch import Whole, anytime, choose
 from tuners.logs.table import Array, LogError, SelectionError, Table

@@ -1,4 +1,4 @@
-"""What the user says about a log file."""
+"""Options of reading a log: what the user says about the file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

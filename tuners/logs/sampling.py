@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tuners.logs.columns import Quantity
 from tuners.logs.lost import without_lost
+from tuners.logs.quantities import Quantity
 from tuners.logs.stamps import line, order, unwrapped
 from tuners.logs.table import Array, LogError
 from tuners.logs.time_base import EVEN, Pace, TimeBase, time_base

@@ -79,7 +79,7 @@ def achieved(
     if recording.reference is None:
         found = rebuilt(recording.u[0], recording.y[0], recording.Ts, gains, target)
         recording = replace(recording, reference=found[None])
-    response, values = tuner.response(recording), np.array([gains])
+    response, values = tuner.inspection.response(recording), np.array([gains])
     alone = response.metrics(values)[0], response.spread(values)[0]
     metrics, spread = alone if modelled is None or _contradicted(alone, modelled) else modelled
     wanted = dict(zip(plant.counted, (target.phase_margin, target.crossover), strict=True))

@@ -1,4 +1,4 @@
-"""What is known of parameters that walk and jump, for B cars: a Kalman filter with two hypotheses.
+"""Belief about parameters that walk and jump, for B cars: a Kalman filter with two hypotheses.
 
 Coordinates z (B, q) walk between windows; with a small probability one of them jumps instead, to
 anywhere in its prior.  A window tells its information F and ``i = F z``.  With either hypothesis,

@@ -141,7 +141,7 @@ def coordinates(plant: Plant, theta: Array) -> Array:
     x = []
     for i in _open(plant):
         values, ends = theta[:, i], np.array([low[i], high[i]])
-        if i in plant.shaped and plant.shaped[i].kind == "log":
+        if plant.shapes[i].kind == "log":
             values, ends = np.log(values), np.log(ends)
         x.append((values - ends[0]) / np.ptp(ends))
     return np.stack(x, axis=1)

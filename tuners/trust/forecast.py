@@ -1,4 +1,4 @@
-"""What a recording will tell, before it is made: half widths of intervals on the prior's plants.
+"""Forecast of intervals before a recording is made: their half widths on the prior's plants.
 
 Recordings of some of the prior's plants are simulated, with noise of a given standard deviation
 whatever their input.  For a linear plant with a loop target the half width is the one that the
@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.features.laguerre import Laguerre
-from tuners.trust.black_box import SAMPLES, black_box, functions_for
+from tuners.trust.basis import functions_for
+from tuners.trust.black_box import SAMPLES, black_box
 from tuners.trust.bound import metric_slopes, spread
 from tuners.trust.identification import covariance_of, output_slopes
 from tuners.trust.intervals import GAUSSIAN

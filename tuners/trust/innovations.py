@@ -1,4 +1,4 @@
-"""Whether a signal answers the output, as the input does in a closed loop.
+"""Test whether a signal answers the output, as the input does in a closed loop.
 
 In an open loop what is new in the output, which no earlier sample of either channel foretells,
 has nothing to do with what is new in the input at that sample or later.  A controller answers it at

@@ -1,4 +1,4 @@
-"""Whether what a recording's start explains ends when the plant has forgotten it.
+"""Test whether what a recording's start explains ends when the plant has forgotten it.
 
 The free response of a plant that was driven before the recording is, with impulse response g,
 

@@ -1,4 +1,4 @@
-"""What the residual of a fitted plant says beside the noise that the plant declares."""
+"""Structure in the residual of a fitted plant beyond the noise that the plant declares."""
 
 import numpy as np
 from numpy.typing import NDArray

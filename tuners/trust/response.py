@@ -22,8 +22,8 @@ from tuners.trust.pulses import pulses_of
 from yawrate_env.batch import take
 from yawrate_env.loop import controller
 from yawrate_env.loop.design import Design, Status, design_from_response
-from yawrate_env.loop.margins import delta_operator
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import delta_operator
 from yawrate_env.plant.responses import OpenLoop
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Why a recording contradicts the plant: which of its suspects explains it, in words.
+"""Explanations of a recording that contradicts the plant, from the plant's suspects, in words.
 
 Each suspect (`yawrate_env.plant.suspect`) adds one number to the plant's unknown parameters.
 Those that promise most by their slope are fitted, with the parameters, by Gauss-Newton steps; the

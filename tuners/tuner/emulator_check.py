@@ -1,4 +1,4 @@
-"""What the errors of an emulator cost: how far the simulator's own slopes would move answers.
+"""Cost of an emulator's errors: how far the simulator's own slopes would move answers.
 
 Where a fit with the emulator's slopes has ended, one more Gauss-Newton step is taken with those of
 the simulator.  If the emulator were exact it would be none.
@@ -24,7 +24,7 @@ def emulator_shift(tuner: Tuner, seed: int = 0) -> float:
     """Root mean square shift of the counted metrics, in their standard deviations."""
     plant = tuner.plant
     block = recorded(plant, "calibration", seed, PLANTS)
-    seen = tuner.look(Recording(block.u, block.y, plant.Ts, block.theta))
+    seen = tuner.inspection.look(Recording(block.u, block.y, plant.Ts, block.theta))
     theta, exact = seen.fit.theta, plant.with_simulator(plant.simulate)
     error, slopes = signals(exact, theta, seen.model)
     inverse, covariance = drawn_to_prior(slopes, (error**2).mean(axis=1))

@@ -1,4 +1,4 @@
-"""What a tuner sees in recordings before it chooses whose gains answer."""
+"""Record of what a tuner sees in recordings before it chooses whose gains answer."""
 
 from dataclasses import dataclass
 

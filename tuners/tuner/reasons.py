@@ -1,4 +1,4 @@
-"""Why the verdict is no better, in words: what failed, without what contradicts it."""
+"""Reasons of a verdict in words: what failed, without what contradicts it."""
 
 from tuners.trust.verdict import Check, Verdict
 from tuners.tuner.method import Rung

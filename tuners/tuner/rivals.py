@@ -5,7 +5,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.trust.black_box import black_box, functions_for
+from tuners.trust.basis import functions_for
+from tuners.trust.black_box import black_box
 from tuners.trust.fit import search
 from tuners.trust.response import Response
 from tuners.tuner.method import Gains, Rung

@@ -1,4 +1,4 @@
-"""Whether a recording is sampled fast enough, and at the time that it says."""
+"""Checks of sampling: whether a recording is fast enough, and at the time that it says."""
 
 from dataclasses import replace
 

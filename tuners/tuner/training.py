@@ -15,7 +15,7 @@ from tuners.features.regularised import Regularised
 from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.trend import TrendSettings
-from tuners.trust.black_box import (
+from tuners.trust.basis import (
     equations_of_any_input,
     functions_for,
     suited,

@@ -4,22 +4,16 @@ Before the step only the observation and the target are drawn, after it also the
 the gains and of the oracle's.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from yawrate_env.batch import take
-from yawrate_env.loop import closed_loop
-from yawrate_env.loop.loops import Evaluation
-from yawrate_env.loop.margins import open_loop
+from yawrate_env.env.loop_curves import LoopCurves, band, duration
 from yawrate_env.loop.target import Target
-from yawrate_env.vehicle.episode import loops
-from yawrate_env.vehicle.single_track import Context, theta_of
+from yawrate_env.vehicle.single_track import Context
 from yawrate_env.vehicle.task import Task
-from yawrate_env.vehicle.yaw_rate import yaw_rate
 
 try:
     from matplotlib import style
@@ -39,8 +33,6 @@ SIZE = (10.0, 6.4)
 LEFT, RIGHT = 0.082, 0.975
 """Where everything begins and ends, as a fraction of the width."""
 
-DIVERGED = 5.0
-"""Where the drawing of a step response ends, in steps."""
 
 INK, MUTED, GRID = "#2b3036", "#69717a", "#e9ebee"
 COMMAND, YAW_RATE = "#8a95a3", "#3f6c94"
@@ -111,74 +103,11 @@ def pixels(picture: Figure) -> NDArray[np.uint8]:
     return rgba[..., :3].copy()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Loops:
-    """Two loops around one vehicle: row 0 of the gains, row 1 of the oracle."""
-
-    kp: NDArray[np.float64]
-    Ti: NDArray[np.float64]
-    found: Evaluation
-    reward: NDArray[np.float64]
-    frequency: NDArray[np.float64]
-    magnitude: NDArray[np.float64]
-    phase: NDArray[np.float64]
-    time: NDArray[np.float64]
-    yaw_rate: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, task: Task, context: Context, gains: NDArray[np.float64]) -> "_Loops":
-        """Close both loops; frequency in Hz, magnitude in dB, angles in deg."""
-        context, target = take(context, np.array([0, 0])), task.target
-        around, plant = loops(task, context), yaw_rate(task, check=False)
-        oracle = around.design()
-        kp, Ti = np.array([gains, [oracle.kp[0], oracle.Ti[0]]]).T
-        low, high = _band(target)
-        frequency = np.geomspace(low, 0.9999 * high, 500)  # at Nyquist itself L may be zero
-        L = open_loop(around.transfer_function, kp, Ti, target)(2 * np.pi * frequency)
-        angle = np.angle(L)
-        angle[:, 0] -= 2 * np.pi * (angle[:, 0] > np.pi / 2)  # as the design rule follows it
-        time = target.Ts * np.arange(round(_duration(target) / target.Ts) + 1, dtype=np.float64)
-        with np.errstate(over="ignore", invalid="ignore"):  # unstable loops may overflow
-            y, _ = closed_loop.time_response(around.plant, kp, Ti, target, np.ones(len(time)))
-            lost = np.maximum.accumulate(~(np.abs(y) < DIVERGED), axis=1)
-        return cls(
-            kp=kp,
-            Ti=Ti,
-            found=around.evaluate(kp, Ti),
-            reward=plant.reward(theta_of(context), np.stack([kp, Ti], axis=1)),
-            frequency=frequency,
-            magnitude=20 * np.log10(np.abs(L)),
-            phase=np.degrees(np.unwrap(angle, axis=1)),
-            time=time,
-            yaw_rate=np.where(lost, np.nan, y),
-        )
-
-    @property
-    def colour(self) -> str:
-        """Of the loop of the gains."""
-        return LOOP if self.found.stable[0] else UNSTABLE
-
-    @property
-    def oracle_label(self) -> str:
-        """For the legend."""
-        return "oracle" if np.isfinite(self.kp[1]) else "no oracle"
-
-
-def _band(target: Target) -> tuple[float, float]:
-    """Frequencies of the Bode plot [Hz]: 0.05 (or lower, for a slow target) to Nyquist."""
-    return min(0.05, target.crossover / 20), 0.5 / target.Ts
-
-
-def _duration(target: Target) -> float:
-    """Of the step response [s]: 2 s for a crossover of 1.5 Hz."""
-    return 3 / target.crossover
-
-
 def paint(
     picture: Figure, task: Task, context: Context, obs: NDArray[np.float32], gains: Gains
 ) -> None:
     """Draw one episode into an empty figure; arguments as for `figure`."""
-    loops = None if gains is None else _Loops.of(task, context, gains)
+    loops = None if gains is None else LoopCurves.of(task, context, gains)
     edges = {"left": LEFT, "right": RIGHT}
     upper = picture.add_gridspec(
         2, 1, top=0.83, bottom=0.565, height_ratios=[1, 2.2], hspace=0.16, **edges
@@ -193,7 +122,11 @@ def paint(
     _step(picture.add_subplot(lower[:, 1]), task.target, loops)
 
 
-def _headline(picture: Figure, target: Target, loops: _Loops | None) -> None:
+def _colour(loops: LoopCurves) -> str:
+    return LOOP if loops.stable else UNSTABLE
+
+
+def _headline(picture: Figure, target: Target, loops: LoopCurves | None) -> None:
     y, size = 0.925, 15.0
     if loops is None:
         picture.text(LEFT, y, "waiting for gains", size=size, weight="bold", color=MUTED)
@@ -213,8 +146,8 @@ def _headline(picture: Figure, target: Target, loops: _Loops | None) -> None:
         x += LEFT
         picture.text(x, y + 0.043, name, size=9, color=MUTED, va="baseline")
         picture.text(x, y, value, size=size, weight="bold", va="baseline")
-    state = "stable" if loops.found.stable[0] else "UNSTABLE"
-    picture.text(RIGHT, y, state, size=size, weight="bold", color=loops.colour, ha="right")
+    state = "stable" if loops.stable else "UNSTABLE"
+    picture.text(RIGHT, y, state, size=size, weight="bold", color=_colour(loops), ha="right")
 
 
 def _number(value: float, form: str) -> str:
@@ -267,11 +200,11 @@ def _vehicle(picture: Figure, context: Context | None) -> None:
     picture.text(RIGHT, 0.844, words, size=9, color=MUTED, ha="right")
 
 
-def _bode(picture: Figure, grid: Any, target: Target, loops: _Loops | None) -> None:
+def _bode(picture: Figure, grid: Any, target: Target, loops: LoopCurves | None) -> None:
     upper = picture.add_subplot(grid[0, 0])
     lower = picture.add_subplot(grid[1, 0], sharex=upper)
     upper.set_title("Open loop", pad=7)
-    upper.set(xscale="log", xlim=_band(target), ylim=(-65, 45), yticks=[-60, -30, 0, 30])
+    upper.set(xscale="log", xlim=band(target), ylim=(-65, 45), yticks=[-60, -30, 0, 30])
     lower.set(ylim=(-285, 0), yticks=[-270, -180, -90, 0])
     _label(upper, "gain [dB]")
     _label(lower, "phase [deg]")
@@ -304,31 +237,31 @@ def _bode_target(upper: Axes, lower: Axes, target: Target) -> None:
     _note(upper, target.crossover, -65, f"target {target.crossover:g} Hz", (-5, 4), TARGET)
 
 
-def _bode_loops(upper: Axes, lower: Axes, target: Target, loops: _Loops) -> None:
+def _bode_loops(upper: Axes, lower: Axes, target: Target, loops: LoopCurves) -> None:
     for axes, values in ((upper, loops.magnitude), (lower, loops.phase)):
-        axes.plot(loops.frequency, values[0], color=loops.colour, **GAINS_LINE)
+        axes.plot(loops.frequency, values[0], color=_colour(loops), **GAINS_LINE)
         axes.plot(loops.frequency, values[1], color=ORACLE, **ORACLE_LINE)
     crossover = float(loops.found.margins.crossover[0])
-    low, high = _band(target)
+    low, high = band(target)
     if not low <= crossover <= high:  # there may be none
         return
-    dot: dict[str, Any] = {"marker": "o", "markersize": 5.5, "color": loops.colour, "zorder": 5}
+    dot: dict[str, Any] = {"marker": "o", "markersize": 5.5, "color": _colour(loops), "zorder": 5}
     upper.plot([crossover], [0], **dot)
     offset = _offset(crossover, target)
-    _note(upper, crossover, 0, _number(crossover, "{:#.3g} Hz"), offset, loops.colour)
+    _note(upper, crossover, 0, _number(crossover, "{:#.3g} Hz"), offset, _colour(loops))
     phase = float(np.interp(crossover, loops.frequency, loops.phase[0]))
     bottom, top = lower.get_ylim()
     if not bottom < phase < top:
         return
     lower.plot([crossover], [phase], **dot)
-    lower.vlines(crossover, -180, phase, color=loops.colour, linewidth=4, alpha=0.35, zorder=2)
+    lower.vlines(crossover, -180, phase, color=_colour(loops), linewidth=4, alpha=0.35, zorder=2)
     margin = _number(loops.found.margins.phase_margin[0], "{:z.0f}°")
-    _note(lower, crossover, phase, margin, offset, loops.colour)
+    _note(lower, crossover, phase, margin, offset, _colour(loops))
 
 
 def _offset(crossover: float, target: Target) -> tuple[float, float]:
     """Where the notes stand [points]: below slow loops and above fast ones, off the oracle's."""
-    low, high = _band(target)
+    low, high = band(target)
     below = 4 * low < crossover < 0.99 * target.crossover or crossover > 0.4 * high
     return (-8, -13) if below else (8, 5)
 
@@ -354,18 +287,18 @@ def _note(
     )
 
 
-def _step(axes: Axes, target: Target, loops: _Loops | None) -> None:
+def _step(axes: Axes, target: Target, loops: LoopCurves | None) -> None:
     axes.set_title("Step response", pad=7)
-    axes.set(xlim=(0, _duration(target)), ylim=(-0.1, 1.9), yticks=[0, 0.5, 1, 1.5])
+    axes.set(xlim=(0, duration(target)), ylim=(-0.1, 1.9), yticks=[0, 0.5, 1, 1.5])
     _label(axes, "yaw rate [deg/s]")
     axes.set_xlabel("time [s]", labelpad=1)
-    axes.xaxis.set_major_locator(MultipleLocator(_duration(target) / 4))
+    axes.xaxis.set_major_locator(MultipleLocator(duration(target) / 4))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:.3g}"))
     axes.axhline(1.0, color=TARGET, linewidth=1.1, linestyle=":", label="reference")
     if loops is not None:
         y = loops.yaw_rate
         axes.plot(loops.time, y[1], color=ORACLE, label=loops.oracle_label, **ORACLE_LINE)
-        axes.plot(loops.time, y[0], color=loops.colour, label="gains", **GAINS_LINE)
+        axes.plot(loops.time, y[0], color=_colour(loops), label="gains", **GAINS_LINE)
     axes.legend(
         loc="lower right",
         bbox_to_anchor=(1.0, 1.02),

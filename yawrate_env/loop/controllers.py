@@ -34,10 +34,10 @@ from yawrate_env.loop.design import design_from_response
 from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.feedback import Feedback
 from yawrate_env.loop.law import KINDS, Status, filter_time, supply
-from yawrate_env.loop.margins import TransferFunction
 from yawrate_env.loop.parallel import Parallel
 from yawrate_env.loop.shaping import lead_lag
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from yawrate_env.batch import take
 from yawrate_env.compiled import LANES, over_blocks
-from yawrate_env.loop.discretisation import DiscretePlant, ObserverForm, augmented, expm, zoh
+from yawrate_env.loop.discretisation import (
+    DiscretePlant,
+    augmented,
+    expm,
+    zoh,
+)
+from yawrate_env.loop.observer_form import ObserverForm
 from yawrate_env.loop.output_lag import observer_form
 from yawrate_env.loop.simulation import simulate, simulate_into
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from yawrate_env.loop import controller
 from yawrate_env.loop.law import KINDS, LEAST_LAG, Status, supply, within_reach
-from yawrate_env.loop.margins import TransferFunction
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction
 
 __all__ = ["LEAST_LAG", "Design", "Status", "design", "design_from_response", "required_response"]
 

@@ -10,7 +10,6 @@ real numbers only, and find their workspace allocated.
 """
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,64 +52,6 @@ class DiscretePlant:
 
     def __len__(self) -> int:
         return len(self.A)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ObserverForm:
-    """Plants in the coordinates ``w_i = C M_{i-1} x`` with the fewest multiplications.
-
-        y = w_1,   w_i+ = c w_i + w_{i+1} - alpha_i w_1 + beta_i u
-
-    alpha and beta are the coefficients of denominator and numerator in powers of ``z - c``,
-    highest first.  In z itself, slow poles would be differences of large numbers.
-
-    Attributes
-    ----------
-    centre : NDArray
-        (B,) c.
-    alpha, beta : NDArray
-        (B, n) coefficients.
-    rows : NDArray
-        (B, n, n) whose product with x is w.
-    """
-
-    centre: NDArray[np.float64]
-    alpha: NDArray[np.float64]
-    beta: NDArray[np.float64]
-    rows: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, plant: DiscretePlant, centre: float | None = None) -> Self:
-        """Transform; no inverse is needed, so that every plant has this form.
-
-        Parameters
-        ----------
-        centre : float, optional
-            c for all; each plant's own mean of its poles if not given.
-        """
-        c = np.trace(plant.A, axis1=1, axis2=2) / plant.A.shape[1]
-        if centre is not None:
-            c = np.full_like(c, centre)
-        return cls(c, *polynomials(plant.A, plant.B, plant.C, c))
-
-    def sensitivity(
-        self, plant: DiscretePlant, dAd: NDArray[np.float64], dBd: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Derivatives of alpha and beta, (B, p, n) each, where the centre stays.
-
-        Parameters
-        ----------
-        plant : DiscretePlant
-            What this is the form of.
-        dAd, dBd : (B, p, n, n), (B, p, n) float64
-            Derivatives of its matrices.
-        """
-        dalpha, dbeta = np.empty_like(dBd), np.empty_like(dBd)
-        _recursion(plant.A, plant.B, plant.C, self.centre, (dAd, dBd, dalpha, dbeta))
-        return dalpha, dbeta
-
-    def __len__(self) -> int:
-        return len(self.alpha)
 
 
 def zoh(
@@ -158,11 +99,11 @@ def _exponentials(X: NDArray[np.float64]) -> NDArray[np.float64]:
     """Exponentials and their p derivatives of (K, 1 + p, m, m) matrices and theirs."""
     norms = np.abs(X[:, 0]).sum(axis=1).max(axis=1)
     squarings = np.ceil(np.log2(np.maximum(2.0 * norms, 1.0))).astype(np.int64)
-    scaled = np.ascontiguousarray(X * (0.5**squarings)[:, None, None, None])
-    E = np.empty(X.shape)
+    E: NDArray[np.float64] = np.multiply(X, (0.5**squarings)[:, None, None, None], order="C")
+    rows, size = E.reshape(len(E), -1), X.shape[-1]
 
     def some(i: int, j: int) -> None:
-        _expm(scaled[i:j], squarings[i:j], _COEFFICIENTS, np.empty((5, *X.shape[1:])), E[i:j])
+        _expm(rows[i:j], size, squarings[i:j], _COEFFICIENTS, np.empty((5, rows.shape[1])))
 
     over_blocks(some, len(X), _BLOCK)
     return E
@@ -175,167 +116,55 @@ def augmented(A: NDArray[np.float64], B: NDArray[np.float64], Ts: float) -> NDAr
     return X
 
 
-def polynomials(
-    A: NDArray[np.float64],
-    B: NDArray[np.float64],
-    C: NDArray[np.float64],
-    centre: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """alpha, beta and rows of the observer form; C (n,) or (B, n)."""
-    nothing = np.empty((len(B), 0, *A.shape[1:])), np.empty((len(B), 0, B.shape[1]))
-    return _recursion(A, B, C, centre, (*nothing, nothing[1], nothing[1]))
-
-
-_Derivatives = tuple[
-    NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
-]
-"""Of A (B, p, n, n), B, alpha and beta (B, p, n each); the last two are written."""
-
-
-def _recursion(
-    A: NDArray[np.float64],
-    B: NDArray[np.float64],
-    C: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    derivatives: _Derivatives,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    A, B = np.ascontiguousarray(A), np.ascontiguousarray(B)
-    C = C[None].repeat(len(B), axis=0) if C.ndim == 1 else np.ascontiguousarray(C)
-    alpha, beta, rows = np.empty_like(B), np.empty_like(B), np.empty_like(A)
-    dA, dB, dalpha, dbeta = derivatives
-    dA, dB = np.ascontiguousarray(dA), np.ascontiguousarray(dB)
-
-    def some(i: int, j: int) -> None:
-        work = np.empty((B.shape[1] + 4, *A.shape[1:]))
-        _leverrier(
-            *(A[i:j], B[i:j], C[i:j], centre[i:j], alpha[i:j], beta[i:j], rows[i:j]),
-            *(dA[i:j], dB[i:j], dalpha[i:j], dbeta[i:j], work),
-        )
-
-    over_blocks(some, len(A), _BLOCK)
-    return alpha, beta, rows
-
-
 @subkernel
-def _multiply(P: NDArray[np.float64], Q: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    """A product and its derivatives, (1 + p, m, m)."""
-    size = P.shape[1]
-    for q in range(len(P)):
-        for i in range(size):
+def _multiply(
+    P: NDArray[np.float64], Q: NDArray[np.float64], size: int, out: NDArray[np.float64]
+) -> None:
+    """A product and its derivatives, (1 + p) m m numbers."""
+    square = size * size
+    for q in range(0, len(P), square):
+        for i in range(0, square, size):
             for j in range(size):
-                out[q, i, j] = 0.0
-            for k in range(size):
-                for j in range(size):
-                    out[q, i, j] += P[0, i, k] * Q[q, k, j]
-            if q > 0:
+                total = 0.0
                 for k in range(size):
-                    for j in range(size):
-                        out[q, i, j] += P[q, i, k] * Q[0, k, j]
+                    total += P[i + k] * Q[q + k * size + j]
+                if q > 0:
+                    for k in range(size):
+                        total += P[q + i + k] * Q[k * size + j]
+                out[q + i + j] = total
 
 
 @kernel
 def _expm(
     X: NDArray[np.float64],
+    size: int,
     squarings: NDArray[np.int64],
     c: NDArray[np.float64],
     work: NDArray[np.float64],
-    out: NDArray[np.float64],
 ) -> None:
-    """Sum of X^k / k! to k = 16 in six products (Paterson and Stockmeyer, 1973), and squares."""
-    count, size = X.shape[1], X.shape[2]
-    X2, X3, X4, E, other = work[0], work[1], work[2], work[3], work[4]
+    """Sum of X^k / k! to k = 16 in six products (Paterson and Stockmeyer, 1973), and squares.
+
+    Matrices and their derivatives lie in rows of X (K, (1 + p) m m), which become the results.
+    """
+    width = X.shape[1]
     for b in range(len(X)):
         X1 = X[b]
-        _multiply(X1, X1, X2)
-        _multiply(X2, X1, X3)
-        _multiply(X2, X2, X4)
-        for q in range(count):
-            for i in range(size):
-                for j in range(size):
-                    other[q, i, j] = c[16] * X4[q, i, j]
+        for q in range(width):
+            work[0, q] = X1[q]
+        for left, right in ((0, 0), (1, 0), (1, 1)):
+            _multiply(work[left], work[right], size, work[left + right + 1])
+        for q in range(width):
+            work[4, q] = c[16] * work[3, q]
         for k in (12, 8, 4, 0):
-            for q in range(count):
-                for i in range(size):
-                    for j in range(size):
-                        E[q, i, j] = other[q, i, j] + c[k + 1] * X1[q, i, j]
-                        E[q, i, j] += c[k + 2] * X2[q, i, j]
-                        E[q, i, j] += c[k + 3] * X3[q, i, j]
-            for i in range(size):
-                E[0, i, i] += c[k]
+            for q in range(width):
+                total = work[4, q] + c[k + 1] * work[0, q]
+                total += c[k + 2] * work[1, q]
+                X1[q] = total + c[k + 3] * work[2, q]
+            for i in range(0, size * size, size + 1):
+                X1[i] += c[k]
             if k > 0:
-                _multiply(E, X4, other)
+                _multiply(X1, work[3], size, work[4])
         for _ in range(squarings[b]):
-            _multiply(E, E, other)
-            E, other = other, E
-        for q in range(count):
-            for i in range(size):
-                for j in range(size):
-                    out[b, q, i, j] = E[q, i, j]
-
-
-@kernel
-def _leverrier(
-    A: NDArray[np.float64],
-    B: NDArray[np.float64],
-    C: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    alpha: NDArray[np.float64],
-    beta: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    dA: NDArray[np.float64],
-    dB: NDArray[np.float64],
-    dalpha: NDArray[np.float64],
-    dbeta: NDArray[np.float64],
-    work: NDArray[np.float64],
-) -> None:
-    """Leverrier and Faddeev's recursion ``M_k = D M_{k-1} + alpha_k I`` for ``D = A - c I``.
-
-    Its derivatives follow from ``dM_k = dA M_{k-1} + D dM_{k-1} + dalpha_k I``.
-    """
-    n = B.shape[1]
-    D, dM, dDM = work[n + 1], work[n + 2], work[n + 3]
-    for b in range(len(A)):
-        for i in range(n):
-            for j in range(n):
-                work[0, i, j] = 1.0 if i == j else 0.0
-                D[i, j] = A[b, i, j] - centre[b] * work[0, i, j]
-        for k in range(n):
-            M, DM = work[k], work[k + 1]
-            beta[b, k] = 0.0
-            for j in range(n):
-                rows[b, k, j] = 0.0
-                for i in range(n):
-                    rows[b, k, j] += C[b, i] * M[i, j]
-                beta[b, k] += rows[b, k, j] * B[b, j]
-            alpha[b, k] = 0.0
-            for i in range(n):
-                for j in range(n):
-                    DM[i, j] = 0.0
-                    for m in range(n):
-                        DM[i, j] += D[i, m] * M[m, j]
-                alpha[b, k] -= DM[i, i] / (k + 1.0)
-            for i in range(n):
-                DM[i, i] += alpha[b, k]
-        for q in range(dA.shape[1]):
-            for i in range(n):
-                for j in range(n):
-                    dM[i, j] = 0.0
-            for k in range(n):
-                M = work[k]
-                dbeta[b, q, k] = 0.0
-                for j in range(n):
-                    slope = 0.0
-                    for i in range(n):
-                        slope += C[b, i] * dM[i, j]
-                    dbeta[b, q, k] += slope * B[b, j] + rows[b, k, j] * dB[b, q, j]
-                dalpha[b, q, k] = 0.0
-                for i in range(n):
-                    for j in range(n):
-                        dDM[i, j] = 0.0
-                        for m in range(n):
-                            dDM[i, j] += D[i, m] * dM[m, j] + dA[b, q, i, m] * M[m, j]
-                    dalpha[b, q, k] -= dDM[i, i] / (k + 1.0)
-                for i in range(n):
-                    for j in range(n):
-                        dM[i, j] = dDM[i, j]
-                    dM[i, i] += dalpha[b, q, k]
+            _multiply(X1, X1, size, work[4])
+            for q in range(width):
+                X1[q] = work[4, q]

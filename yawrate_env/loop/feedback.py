@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from yawrate_env.compiled import over_blocks
 from yawrate_env.loop import controller
 from yawrate_env.loop.discretisation import DiscretePlant
-from yawrate_env.loop.margins import TransferFunction
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from yawrate_env.loop import closed_loop, margins
 from yawrate_env.loop.design import Design, design
 from yawrate_env.loop.discretisation import DiscretePlant
-from yawrate_env.loop.margins import Margins, TransferFunction
+from yawrate_env.loop.margins import Margins
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction, open_loop
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +43,7 @@ class Loops:
         """Evaluate gains (B,); a loop whose gains are not finite and positive is unstable."""
         valid = np.isfinite(kp) & np.isfinite(Ti) & (kp > 0) & (Ti > 0)
         kp, Ti = np.where(valid, kp, 1.0), np.where(valid, Ti, 1.0)
-        found = margins.margins(margins.open_loop(self.transfer_function, kp, Ti, self.target))
+        found = margins.margins(open_loop(self.transfer_function, kp, Ti, self.target))
         stable = valid & closed_loop.stable(self.plant, kp, Ti, self.target)
         for values in (getattr(found, name) for name in Margins.__slots__):
             values[~valid] = np.nan

@@ -1,81 +1,24 @@
-"""The open loop ``L = C G z^-d``: frequency response and margins, batched.
+"""Margins of open loops ``L = C G z^-d``, batched.
 
-Plants are turned once into ratios of polynomials in ``delta = (z - 1)/Ts``, which a
-compiled loop evaluates on a frequency grid; the crossings found there are refined to
-machine precision by the Illinois rule (Dowell and Jarratt, 1971), in a tenth of the
-evaluations that bisection needs.  In z the same polynomials would lose the low
-frequencies to cancellation; here ``delta`` is computed without it.
+A compiled loop evaluates the ratios of polynomials in ``delta = (z - 1)/Ts`` on a frequency grid;
+the crossings found there are refined to machine precision by the Illinois rule (Dowell and
+Jarratt, 1971), in a tenth of the evaluations that bisection needs.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.compiled import kernel, over_blocks, subkernel
-from yawrate_env.loop import controller
-from yawrate_env.loop.discretisation import DiscretePlant
-from yawrate_env.loop.output_lag import observer_form
-from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction, delta_operator
 
 _BLOCK = 64
 _REFINEMENTS = 60  # seven or eight do; bisection would need all of them
 _SECTIONS = 35  # a fifteen-millionth of an interval is left, and the square of that of the value
 _GOLDEN = 0.6180339887498949
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TransferFunction:
-    """B ratios of polynomials in delta, highest power first.
-
-    Attributes
-    ----------
-    num, den : NDArray
-        (B, m) float64, the same length, ``den[:, 0] = 1``.
-    Ts : float
-        Sampling time [s].
-    delay_samples : int or NDArray
-        Pure delay, the same for all or (B,) int64.
-    """
-
-    num: NDArray[np.float64]
-    den: NDArray[np.float64]
-    Ts: float
-    delay_samples: int | NDArray[np.int64] = 0
-
-    @classmethod
-    def of(cls, plant: DiscretePlant, delay_samples: int = 0) -> Self:
-        """Transfer function of a state-space batch."""
-        form, n = observer_form(plant, 1.0), plant.B.shape[1]
-        powers = plant.Ts ** np.arange(1.0, n + 1.0)
-        num, den = np.zeros((len(form), n + 1)), np.ones((len(form), n + 1))
-        num[:, 1:], den[:, 1:] = form.beta / powers, form.alpha / powers
-        if plant.D is None or plant.delay is None:
-            return cls(num, den, plant.Ts, delay_samples)
-        return cls(num + plant.D[:, None] * den, den, plant.Ts, delay_samples + plant.delay)
-
-    def __call__(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Frequency response at `omega` [rad/s], (F,) or (B, F) -> (B, F)."""
-        delta = delta_operator(omega, self.Ts)
-        num, den = (np.zeros(delta.shape[-1:], complex) for _ in range(2))
-        for k in range(self.num.shape[1]):
-            num = num * delta + self.num[:, k, None]
-            den = den * delta + self.den[:, k, None]
-        d = self.delay_samples
-        delay = d if isinstance(d, int) else d[:, None]
-        lag = np.exp(-1j * delay * self.Ts * omega)
-        return np.asarray(num / den * lag)
-
-    def __mul__(self, other: "TransferFunction") -> "TransferFunction":
-        """Series connection, plant by plant."""
-        return TransferFunction(
-            product(self.num, other.num),
-            product(self.den, other.den),
-            self.Ts,
-            self.delay_samples + other.delay_samples,
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,22 +49,6 @@ class Margins:
     delay_margin: NDArray[np.float64]
 
 
-def delta_operator(omega: NDArray[np.float64], Ts: float) -> NDArray[np.complex128]:
-    """``(exp(j omega Ts) - 1)/Ts`` without cancellation."""
-    return np.asarray((-2 * np.sin(omega * Ts / 2) ** 2 + 1j * np.sin(omega * Ts)) / Ts)
-
-
-def open_loop(
-    plant: TransferFunction, kp: NDArray[np.float64], Ti: NDArray[np.float64], target: Target
-) -> TransferFunction:
-    """Controller times plant, (B,) loops."""
-    n1, n0, d0 = controller.coefficients(kp, Ti, target)
-    series = TransferFunction(
-        np.stack([n1, n0], axis=1), np.stack([np.ones_like(d0), d0], axis=1), plant.Ts
-    )
-    return series * plant
-
-
 def margins(loop: TransferFunction) -> Margins:
     """Margins of each loop.
 
@@ -130,11 +57,10 @@ def margins(loop: TransferFunction) -> Margins:
     for six decades below that) and refined between its points, so a resonance of
     damping ratio below 0.02 could hide a crossing.
     """
-    if isinstance(loop.delay_samples, int):
-        return Margins(*_with_delay(loop.num, loop.den, loop.Ts, loop.delay_samples).T.copy())
+    delays = np.broadcast_to(loop.delay_samples, len(loop.num))
     found = np.empty((len(loop.num), 6))
-    for delay in np.unique(loop.delay_samples):
-        rows = loop.delay_samples == delay
+    for delay in np.unique(delays):
+        rows = delays == delay
         found[rows] = _with_delay(loop.num[rows], loop.den[rows], loop.Ts, int(delay))
     return Margins(*found.T.copy())
 
@@ -143,96 +69,62 @@ def _with_delay(
     num: NDArray[np.float64], den: NDArray[np.float64], Ts: float, delay: int
 ) -> NDArray[np.float64]:
     """Margins (B, 6) of loops with the same delay."""
-    omega, delta, lag = _grid(Ts, delay)
+    grid = _grid(Ts, delay)
     num, den = np.ascontiguousarray(num), np.ascontiguousarray(den)
     found = np.empty((len(num), 6))
 
     def some(i: int, j: int) -> None:
-        L, work = np.empty(len(omega), dtype=np.complex128), np.empty((4, len(omega)))
-        _margins(num[i:j], den[i:j], Ts, delay, omega, delta, lag, L, work, found[i:j])
+        _margins(num[i:j], den[i:j], Ts, delay, grid, np.empty((6, grid.shape[1])), found[i:j])
 
     over_blocks(some, len(num), _BLOCK)
     return found
 
 
 @cache
-def _grid(
-    Ts: float, delay_samples: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.complex128]]:
-    """Frequencies (F,) [rad/s], their delta (2, F) and the delay's response (F,)."""
+def _grid(Ts: float, delay_samples: int) -> NDArray[np.float64]:
+    """Frequencies [rad/s], their delta and the delay's response, real and imaginary, (5, F)."""
     omega = np.concatenate([np.logspace(-9.5, -3.5, 48, False), np.logspace(-3.5, 0, 225)])
     omega *= np.pi / Ts
     delta = delta_operator(omega, Ts)
     lag = np.exp(-1j * delay_samples * Ts * omega)
-    return omega, np.stack([delta.real, delta.imag]), lag
+    return np.stack([omega, delta.real, delta.imag, lag.real, lag.imag])
 
 
-def product(p: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Products (B, m + n - 1) of polynomials (B, m) and (B, n)."""
-    out = np.zeros((len(p), p.shape[1] + q.shape[1] - 1))
-    for k in range(p.shape[1]):
-        out[:, k : k + q.shape[1]] += p[:, k, None] * q
-    return out
+# The kernels below work on real numbers and with the functions of `math`: complex numbers, and
+# NumPy's, take Numba twice as long to compile, which is much of the time to a first answer.
 
 
 @subkernel
-def _ratio(top: complex, bottom: complex) -> complex:
-    """Complex division without the branches of Python's."""
-    return top * bottom.conjugate() / (bottom.real * bottom.real + bottom.imag * bottom.imag)
-
-
-@subkernel
-def _squared(value: complex) -> float:
-    return value.real * value.real + value.imag * value.imag
+def _squared(real: float, imag: float) -> float:
+    return real * real + imag * imag
 
 
 @subkernel
 def _at(
-    num: NDArray[np.float64], den: NDArray[np.float64], Ts: float, delay: int, omega: float
-) -> complex:
-    half = np.sin(0.5 * omega * Ts)
-    delta = complex(-2.0 * half * half / Ts, np.sin(omega * Ts) / Ts)
-    top, bottom = 0j, 0j
-    for k in range(len(num)):
-        top = top * delta + num[k]
-        bottom = bottom * delta + den[k]
-    value = _ratio(top, bottom)
+    num: NDArray[np.float64], den: NDArray[np.float64], b: int, Ts: float, delay: int, omega: float
+) -> tuple[float, float]:
+    """Real and imaginary part of loop `b` at a frequency."""
+    half = math.sin(0.5 * omega * Ts)
+    x, y = -2.0 * half * half / Ts, math.sin(omega * Ts) / Ts
+    bottom_j = bottom = top_j = top = 0.0
+    for k in range(num.shape[1]):
+        top, top_j = top * x - top_j * y + num[b, k], top * y + top_j * x
+        bottom, bottom_j = bottom * x - bottom_j * y + den[b, k], bottom * y + bottom_j * x
+    square = _squared(bottom, bottom_j)
+    real = (top * bottom + top_j * bottom_j) / square
+    imag = (top_j * bottom - top * bottom_j) / square
     if delay > 0:
-        value *= np.exp(-1j * (delay * Ts * omega))
-    return value
-
-
-@subkernel
-def _on_grid(
-    num: NDArray[np.float64],
-    den: NDArray[np.float64],
-    delta: NDArray[np.float64],
-    lag: NDArray[np.complex128],
-    work: NDArray[np.float64],
-    L: NDArray[np.complex128],
-) -> None:
-    """`_at` the whole grid, power by power, so that it vectorises; `work` is (4, F)."""
-    re, im = delta[0], delta[1]
-    top, top_j, bottom, bottom_j = work[0], work[1], work[2], work[3]
-    for i in range(len(re)):
-        top[i] = top_j[i] = bottom[i] = bottom_j[i] = 0.0
-    for k in range(len(num)):
-        n, d = num[k], den[k]
-        for i in range(len(re)):
-            x, y = re[i], im[i]
-            top[i], top_j[i] = top[i] * x - top_j[i] * y + n, top[i] * y + top_j[i] * x
-            bottom[i], bottom_j[i] = (
-                bottom[i] * x - bottom_j[i] * y + d,
-                bottom[i] * y + bottom_j[i] * x,
-            )
-    for i in range(len(re)):
-        L[i] = _ratio(complex(top[i], top_j[i]), complex(bottom[i], bottom_j[i])) * lag[i]
+        turn = delay * Ts * omega
+        c, s = math.cos(turn), math.sin(turn)
+        real, imag = real * c + imag * s, imag * c - real * s
+    return real, imag
 
 
 @subkernel
 def _crossing(
     num: NDArray[np.float64],
     den: NDArray[np.float64],
+    b: int,
     Ts: float,
     delay: int,
     real_axis: bool,
@@ -240,11 +132,11 @@ def _crossing(
     high: float,
 ) -> float:
     """Where between two frequencies the loop meets the real axis, or else the unit circle."""
-    f_low = f_high = np.nan
+    f_low = f_high = math.nan
     at = low
     for step in range(_REFINEMENTS):
-        value = _at(num, den, Ts, delay, at)
-        f = value.imag if real_axis else np.log(_squared(value))
+        real, imag = _at(num, den, b, Ts, delay, at)
+        f = imag if real_axis else math.log(_squared(imag, real))
         if step == 0:
             f_low, at = f, high
             continue
@@ -260,9 +152,19 @@ def _crossing(
 
 
 @subkernel
+def _distance(
+    num: NDArray[np.float64], den: NDArray[np.float64], b: int, Ts: float, delay: int, omega: float
+) -> float:
+    """Square of the distance from -1."""
+    real, imag = _at(num, den, b, Ts, delay, omega)
+    return _squared(1.0 + real, imag)
+
+
+@subkernel
 def _nearest(
     num: NDArray[np.float64],
     den: NDArray[np.float64],
+    b: int,
     Ts: float,
     delay: int,
     low: float,
@@ -270,18 +172,18 @@ def _nearest(
 ) -> float:
     """Least distance from -1 between two frequencies, by golden sections."""
     left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-    at_left = _squared(1.0 + _at(num, den, Ts, delay, left))
-    at_right = _squared(1.0 + _at(num, den, Ts, delay, right))
+    at_left = _distance(num, den, b, Ts, delay, left)
+    at_right = _distance(num, den, b, Ts, delay, right)
     for _ in range(_SECTIONS):
         if at_left < at_right:
             high, right, at_right = right, left, at_left
             left = high - _GOLDEN * (high - low)
-            at_left = _squared(1.0 + _at(num, den, Ts, delay, left))
+            at_left = _distance(num, den, b, Ts, delay, left)
         else:
             low, left, at_left = left, right, at_right
             right = low + _GOLDEN * (high - low)
-            at_right = _squared(1.0 + _at(num, den, Ts, delay, right))
-    return float(np.sqrt(min(at_left, at_right)))
+            at_right = _distance(num, den, b, Ts, delay, right)
+    return math.sqrt(at_right if at_right < at_left else at_left)
 
 
 @kernel
@@ -291,50 +193,68 @@ def _margins(
     Ts: float,
     delay: int,
     grid: NDArray[np.float64],
-    delta: NDArray[np.float64],
-    lag: NDArray[np.complex128],
-    L: NDArray[np.complex128],
     work: NDArray[np.float64],
     found: NDArray[np.float64],
 ) -> None:
-    last = len(grid) - 1
+    """`Margins` (B, 6); `work` (6, F)."""
+    last = grid.shape[1] - 1
+    real, imag = work[4], work[5]
+    # Numba would compile a version for every literal.
+    on_circle, on_axis = bool(False), bool(True)  # noqa: UP018
     for b in range(len(num)):
-        loop = (num[b], den[b], Ts, delay)
-        _on_grid(num[b], den[b], delta, lag, work, L)
+        # `_at` the whole grid, power by power, so that it vectorises.
+        for i in range(last + 1):
+            work[0, i] = work[1, i] = work[2, i] = work[3, i] = 0.0
+        for k in range(num.shape[1]):
+            n, d = num[b, k], den[b, k]
+            for i in range(last + 1):
+                x, y = grid[1, i], grid[2, i]
+                top, top_j, bottom, bottom_j = work[0, i], work[1, i], work[2, i], work[3, i]
+                work[0, i] = top * x - top_j * y + n
+                work[1, i] = top * y + top_j * x
+                work[2, i] = bottom * x - bottom_j * y + d
+                work[3, i] = bottom * y + bottom_j * x
+        for i in range(last + 1):
+            top, top_j, bottom, bottom_j = work[0, i], work[1, i], work[2, i], work[3, i]
+            square = _squared(bottom, bottom_j)
+            re = (top * bottom + top_j * bottom_j) / square
+            im = (top_j * bottom - top * bottom_j) / square
+            real[i] = re * grid[3, i] - im * grid[4, i]
+            imag[i] = re * grid[4, i] + im * grid[3, i]
 
-        crossover = np.nan
+        crossover = math.nan
         i = last
-        while i >= 0 and _squared(L[i]) < 1.0:
+        while i >= 0 and _squared(real[i], imag[i]) < 1.0:
             i -= 1
         if 0 <= i < last:
-            crossover = _crossing(*loop, False, grid[i], grid[i + 1])
+            crossover = _crossing(num, den, b, Ts, delay, on_circle, grid[0, i], grid[0, i + 1])
 
-        phase_crossover, gain_margin = np.nan, np.inf
-        for i in range(last):
-            if L[i].real > 0.0 and L[i + 1].real > 0.0:
+        phase_crossover, gain_margin = math.nan, math.inf
+        nearest, least = 0, math.inf
+        for i in range(last + 1):
+            squared = _squared(1.0 + real[i], imag[i])
+            if squared < least:
+                nearest, least = i, squared
+            if i == last or (real[i] > 0.0 and real[i + 1] > 0.0):
                 continue
-            if (L[i].imag < 0.0) != (L[i + 1].imag < 0.0):
-                at = _crossing(*loop, True, grid[i], grid[i + 1])
+            if (imag[i] < 0.0) != (imag[i + 1] < 0.0):
+                at = _crossing(num, den, b, Ts, delay, on_axis, grid[0, i], grid[0, i + 1])
             elif i + 1 == last:
-                at = grid[last]  # the loop is real at the Nyquist frequency
+                at = grid[0, last]  # the loop is real at the Nyquist frequency
             else:
                 continue
-            value = _at(*loop, at)
-            if value.real < 0.0 and abs(np.log(-value.real)) < abs(gain_margin):
-                gain_margin, phase_crossover = -np.log(-value.real), at
+            value, _ = _at(num, den, b, Ts, delay, at)
+            if value < 0.0 and abs(math.log(-value)) < abs(gain_margin):
+                gain_margin, phase_crossover = -math.log(-value), at
 
-        nearest = 0
-        for i in range(len(grid)):
-            if _squared(1.0 + L[i]) < _squared(1.0 + L[nearest]):
-                nearest = i
-        modulus = _nearest(*loop, grid[max(nearest - 1, 0)], grid[min(nearest + 1, last)])
+        low, high = nearest - (nearest > 0), nearest + (nearest < last)
+        modulus = _nearest(num, den, b, Ts, delay, grid[0, low], grid[0, high])
 
-        opposite = -_at(*loop, crossover)
-        # Not np.angle, with which Numba imports SciPy's linear algebra.
-        phase = np.arctan2(opposite.imag, opposite.real)
-        found[b, 0] = np.degrees(phase)
-        found[b, 1] = crossover / (2.0 * np.pi)
-        found[b, 2] = gain_margin * (20.0 / np.log(10.0))
-        found[b, 3] = phase_crossover / (2.0 * np.pi)
+        opposite, opposite_j = _at(num, den, b, Ts, delay, crossover)
+        phase = math.atan2(-opposite_j, -opposite)
+        found[b, 0] = phase * (180.0 / math.pi)
+        found[b, 1] = crossover / (2.0 * math.pi)
+        found[b, 2] = gain_margin * (20.0 / math.log(10.0))
+        found[b, 3] = phase_crossover / (2.0 * math.pi)
         found[b, 4] = modulus
-        found[b, 5] = (phase % (2.0 * np.pi)) / crossover
+        found[b, 5] = (phase % (2.0 * math.pi)) / crossover

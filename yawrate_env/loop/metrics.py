@@ -1,4 +1,4 @@
-"""What a batch of linear loops reaches, by name.
+"""Metrics of a batch of linear loops, by name.
 
 ====================  ==========================================================================
 name                  meaning

@@ -12,7 +12,8 @@ which adds no error of its own.
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.loop.discretisation import DiscretePlant, ObserverForm, polynomials
+from yawrate_env.loop.discretisation import DiscretePlant
+from yawrate_env.loop.observer_form import ObserverForm, polynomials
 
 
 def observer_form(plant: DiscretePlant, centre: float | None = None) -> ObserverForm:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.loop.feedback import Compensator
-from yawrate_env.loop.margins import product
+from yawrate_env.loop.transfer_function import product
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.loop.discretisation import DiscretePlant
-from yawrate_env.loop.margins import TransferFunction
+from yawrate_env.loop.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.compiled import LANES, kernel, over_blocks
-from yawrate_env.loop.discretisation import DiscretePlant, ObserverForm
+from yawrate_env.loop.discretisation import DiscretePlant
+from yawrate_env.loop.observer_form import ObserverForm
 from yawrate_env.loop.output_lag import observer_form
 
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.feedback import Compensator, Feedback
-from yawrate_env.loop.margins import TransferFunction
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

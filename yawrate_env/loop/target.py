@@ -1,4 +1,4 @@
-"""What a loop must reach: phase margin, crossover, and the controller's form."""
+"""Target of a loop: phase margin, crossover, and the controller's form."""
 
 from dataclasses import dataclass
 

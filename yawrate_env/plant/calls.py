@@ -34,20 +34,17 @@ def one_line(error: BaseException) -> str:
 def rows(
     name: str,
     function: Callable[..., Any],
-    width: int | tuple[int, ...],
+    shape: tuple[int, ...],
     batched: bool,
     *arrays: Array,
     names: Sequence[str] = (),
 ) -> tuple[Array, Flags | None]:
-    """Call for the batch, or for each plant, and check that the answer is (B, width).
-
-    A width may be a shape, of several outputs.
+    """Call for the batch, or for each plant, and check that the answer is (B, *shape).
 
     A function may answer with a pair; the second part, (B,) bool, is then returned too.  Where it
     raises, the message says for which plant, with the `names` of its parameters.
     """
     count, answer = len(arrays[0]), f"{name}'s answer"
-    shape = (width,) if isinstance(width, int) else width
     if batched:
         values, found = _batch(name, function, names, *arrays)
     else:

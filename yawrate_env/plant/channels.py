@@ -117,8 +117,8 @@ class Channels:
         """Standard deviation of stacked outputs' noise; None where it depends on the output."""
         if callable(self.noise):
             return None
-        several = isinstance(self.noise, tuple)
-        return float(np.exp(np.log(self.noise).mean())) if several else float(self.noise)  # type: ignore[arg-type]
+        each = np.asarray(self.noise, np.float64)
+        return float(np.exp(np.log(each).mean())) if each.ndim else float(each)
 
     @property
     def weights(self) -> Array:
@@ -155,7 +155,7 @@ def check_channels(plant: Mapping[str, Any]) -> None:
                 f"u has {len(u)} inputs: name them, and the outputs, by "
                 'channels=(("u1", "u2"), ("y1", "y2")), or give one input (N,).'
             )
-        if isinstance(noise, tuple):
+        if np.ndim(noise):
             raise ValueError(f"noise = {noise}: this plant has one output. Give one number.")
         return
     inputs, outputs = channels
@@ -164,7 +164,7 @@ def check_channels(plant: Mapping[str, Any]) -> None:
             f"u has shape {u.shape}, and channels name {len(inputs)} inputs. Give (m, N), an input "
             "for each name."
         )
-    if callable(noise) or (isinstance(noise, tuple) and len(noise) != len(outputs)):
+    if callable(noise) or (np.ndim(noise) and len(noise) != len(outputs)):
         raise ValueError(
             f"noise of {len(outputs)} outputs must be one number, or one for each. Give numbers."
         )

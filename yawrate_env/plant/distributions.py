@@ -17,6 +17,30 @@ _DEVIATIONS = 3.0  # of a normal prior, beyond which it is cut off
 _BEYOND = 0.00135  # share on either side that is cut off of others
 
 
+class Uniform(tuple[float, float]):
+    """A uniform prior: the pair ``(low, high)``."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = ""
+
+    @property
+    def middle(self) -> float:
+        """The mean of its ends."""
+        low, high = self
+        return (low + high) / 2
+
+    @property
+    def plain(self) -> Any:
+        """What `spread` reads, of plain JSON values."""
+        return tuple(self)
+
+    def at(self, unit: Array) -> Array:
+        """Quantiles (B,) of uniform numbers (B,) between 0 and 1."""
+        low, high = self
+        return np.asarray(low + (high - low) * unit)
+
+
 @dataclass(frozen=True, slots=True)
 class LogRange:
     """A prior whose logarithm is uniform between two positive ends; unpacks as ``(low, high)``.
@@ -47,6 +71,11 @@ class LogRange:
     def middle(self) -> float:
         """The geometric mean of its ends."""
         return float(np.sqrt(self.low) * np.sqrt(self.high))
+
+    @property
+    def plain(self) -> Any:
+        """What `spread` reads, of plain JSON values."""
+        return {self.kind: [self.low, self.high]}
 
     def at(self, unit: Array) -> Array:
         """Quantiles (B,) of uniform numbers (B,) between 0 and 1."""
@@ -83,6 +112,11 @@ class Normal:
     def middle(self) -> float:
         """The mean."""
         return self.mean
+
+    @property
+    def plain(self) -> Any:
+        """What `spread` reads, of plain JSON values."""
+        return {self.kind: [self.mean, self.deviation]}
 
     def at(self, unit: Array) -> Array:
         """Quantiles (B,) of uniform numbers (B,) between 0 and 1."""
@@ -145,6 +179,11 @@ class Distribution:
         """The median."""
         return float(self.at(np.array([0.5]))[0])
 
+    @property
+    def plain(self) -> Any:
+        """What `spread` reads, of plain JSON values."""
+        return {self.kind: dict(self.settings)}
+
     def at(self, unit: Array) -> Array:
         """Quantiles (B,) of uniform numbers (B,) between 0 and 1."""
         from scipy import stats
@@ -155,13 +194,16 @@ class Distribution:
 
 
 Spread = Range | LogRange | Normal | Distribution
-"""A parameter's prior: uniform between two ends, or one of the others."""
+"""A parameter's prior as it may be given: uniform between two ends, or one of the others."""
+
+Shape = Uniform | LogRange | Normal | Distribution
+"""A parameter's prior, as `spread` gives it."""
 
 SHAPES: dict[str, type[LogRange] | type[Normal]] = {"log": LogRange, "normal": Normal}
 """Those of two numbers, by the name that files have for them."""
 
 
-def spread(name: str, value: Any) -> Spread:
+def spread(name: str, value: Any) -> Shape:
     """A prior from a number, a pair, a record, a frozen variable of SciPy or a file's mapping.
 
     Files have ``{"log": [low, high]}`` and ``{"lognorm": {"s": 0.5, "scale": 2.0}}``.
@@ -172,7 +214,7 @@ def spread(name: str, value: Any) -> Spread:
         if hasattr(value, "dist") and hasattr(value, "ppf"):
             return Distribution.of(value)
         if not isinstance(value, Mapping):
-            return validation.interval(name, value)
+            return Uniform(validation.interval(name, value))
         shape, *others = value or ("",)
         if not others and isinstance(value.get(shape), Mapping):
             settings = value[shape].items()
@@ -189,12 +231,3 @@ def spread(name: str, value: Any) -> Spread:
         "{log = [low, high]}, {normal = [mean, deviation]} or a distribution of scipy.stats with "
         "its parameters, {lognorm = {s = 0.5, scale = 2.0}}."
     )
-
-
-def plain(prior: Spread) -> Any:
-    """What `spread` reads, of plain JSON values."""
-    if isinstance(prior, tuple):
-        return prior
-    if isinstance(prior, Distribution):
-        return {prior.kind: dict(prior.settings)}
-    return {prior.kind: [getattr(prior, part) for part in prior.__slots__]}

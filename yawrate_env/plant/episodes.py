@@ -110,7 +110,7 @@ def parameters(
     theta = np.asarray(low + (high - low) * unit)
     if plant.together is not None and np.array_equal((low, high), prior):
         return _together(plant, plant.together, unit)
-    for i, each in plant.shaped.items():
+    for i, each in enumerate(plant.shapes):
         if (low[i], high[i]) == (prior[0][i], prior[1][i]):
             theta[:, i] = each.at(unit[:, i])
     return theta

@@ -59,8 +59,8 @@ def _settings(plant: Plant) -> dict[str, Any]:
     found = {"initial": list(plant.initial)} if plant.initial else {}
     return found | {
         "prior": [
-            [name, *ends, *([] if isinstance(ends, tuple) else [ends.kind])]
-            for name, ends in plant.prior.items()
+            [name, *each, *([each.kind] if each.kind else [])]
+            for name, each in zip(plant.prior, plant.shapes, strict=True)
         ],
         "gains": list(plant.gains),
         "Ts": plant.Ts,

@@ -1,13 +1,13 @@
 """The parameters of a family of plants: ranges, indices, and the features of measured ones."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env import validation
-from yawrate_env.plant.distributions import Distribution, LogRange, Normal, Range, Spread
+from yawrate_env.plant.distributions import Range, Shape, Spread
 from yawrate_env.plant.names import split
 
 Array = NDArray[np.float64]
@@ -36,10 +36,9 @@ class Parameters:
         return low, high
 
     @property
-    def shaped(self) -> dict[int, LogRange | Normal | Distribution]:
-        """The priors that are not uniform, by index."""
-        priors = enumerate(self.prior.values())
-        return {i: each for i, each in priors if not isinstance(each, tuple)}
+    def shapes(self) -> tuple[Shape, ...]:
+        """The parameters' priors, (p,)."""
+        return tuple(cast("Mapping[str, Shape]", self.prior).values())
 
     @property
     def width(self) -> Array:
@@ -50,11 +49,7 @@ class Parameters:
     @property
     def middle(self) -> Array:
         """(1, p) parameters in the middle of the prior: of a logarithmic one, the geometric."""
-        low, high = self.ranges
-        found = np.asarray((low + high)[None] / 2)
-        for i, each in self.shaped.items():
-            found[:, i] = each.middle
-        return found
+        return np.array([[each.middle for each in self.shapes]])
 
     @property
     def unknown(self) -> NDArray[np.intp]:

@@ -5,41 +5,31 @@ loop.  `docs/plants.md` says what each function must do.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import InitVar, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env import validation
-from yawrate_env.compiled import LANES, over_blocks
-from yawrate_env.loop.target import Target
-from yawrate_env.plant.calls import call, rows
-from yawrate_env.plant.channels import Channels, Names, Noise
+from yawrate_env.plant.channels import Names, Noise
 from yawrate_env.plant.checks import check_experiment, checked
 from yawrate_env.plant.distributions import Range, Spread
 from yawrate_env.plant.emulator import Emulator
 from yawrate_env.plant.metric import Metric
-from yawrate_env.plant.names import MARGINS, split
-from yawrate_env.plant.parameters import Parameters
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
+from yawrate_env.plant.performance import Performance
 from yawrate_env.plant.responses import ClosedLoop
-from yawrate_env.plant.reward import defined, reward
 from yawrate_env.plant.sensitivity import Sensitivity
+from yawrate_env.plant.simulator import Integers, Out, Simulator, Written
 from yawrate_env.plant.suspect import Suspect
 from yawrate_env.plant.trial import try_functions
-from yawrate_env.signals.noise import add_white_noise
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Integers = NDArray[np.uint64]
-Out = NDArray[np.floating] | None
-Written = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plant(Parameters, Channels):
+class Plant(Simulator, Performance):
     """A family of plants, the experiment on them, and the design rule that knows their gains.
 
     Each function is called once when a plant is described, with the parameters in the middle
@@ -203,6 +193,8 @@ class Plant(Parameters, Channels):
     check : bool
         False leaves out the trial call of each function, and the demand that something can be
         learned from the experiment.
+    settings : dict
+        Names of all metrics to their `Metric`, not an argument.
     counted : tuple of str
         Names of the f metrics that count in the reward, not an argument; others are only reported.
     """
@@ -256,6 +248,7 @@ class Plant(Parameters, Channels):
     black_box: tuple[int, float] | None = None
     emulator: Emulator | None = None
     check: InitVar[bool] = True
+    settings: Mapping[str, Metric] = field(init=False, repr=False)
     counted: tuple[str, ...] = field(init=False)
     _counted: list[int] = field(init=False, repr=False)
 
@@ -263,204 +256,11 @@ class Plant(Parameters, Channels):
         given = {each.name: getattr(self, each.name) for each in fields(self) if each.init}
         for name, value in checked(given).items():
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "settings", self.metrics)
         counted = tuple(name for name, metric in self.settings.items() if metric.counts)
-        indices = [list(self.metrics).index(name) for name in counted]
+        indices = [list(self.settings).index(name) for name in counted]
         object.__setattr__(self, "counted", counted)
         object.__setattr__(self, "_counted", indices)
         if check:
             check_experiment(self.u, self.Ts, self.crossover)
             try_functions(self)
-
-    def respond(self, theta: Array, u: Array | None = None, rng: Any = None) -> Array:
-        """Outputs (B, N) without measurement noise, by default of the experiment's input.
-
-        Parameters
-        ----------
-        u : (N,), (1, N) or (B, N) float64, optional
-            One input for all, or one for each; of several channels (m, N) and so on.
-        """
-        given = self.u if u is None else u
-        given = given[None] if given.ndim == self.u.ndim else given
-        own = (given,) if len(given) > 1 else ()
-        several = () if self.channels is None else (len(self.channels[1]),)
-
-        def simulated(t: Array, v: Array | None = None) -> Array:
-            return self.simulate(t, given[0].copy() if v is None else v, rng)
-
-        return self._rows("simulate", simulated, (*several, given.shape[-1]), theta, *own)[0]
-
-    def answers(self, theta: Array, u: Array | None = None) -> Array:
-        """What `respond` gives, stacked."""
-        return self.stacked(self.respond(theta, u))
-
-    def with_simulator(self, simulate: Any, emulator: Emulator | None = None) -> "Plant":
-        """The same plant with another way to simulate it, which is not tried."""
-        other = copy(self)
-        object.__setattr__(other, "simulate", simulate)
-        object.__setattr__(other, "emulator", emulator)
-        return other
-
-    def emulated(self, u: Array | None = None) -> "Plant":
-        """The plant with its emulator for a simulator, where that knows the input; or itself.
-
-        Parameters
-        ----------
-        u : (N,), (1, N) or (B, N) float64, optional
-            Inputs, if not the experiment's.
-        """
-        given = np.atleast_2d(self.u if u is None else u)
-        if self.emulator is None or not self.emulator.knows(given):
-            return self
-        return self.with_simulator(self.emulator)
-
-    def inputs(self, integers: Integers) -> Array:
-        """Inputs of B experiments, (1, N) or (B, N), from a random integer each."""
-        if self.excite is None:
-            return self.u[None]
-        u = validation.float_array("excite's answer", call("excite", self.excite, integers))
-        if u.ndim != 2:
-            raise ValueError(
-                f"excite's answer has shape {u.shape}. Give an input for each integer, (B, N)."
-            )
-        return u
-
-    def measure(
-        self,
-        theta: Array,
-        u: Array,
-        keys: Integers,
-        rng: Any = None,
-        out: Out = None,
-        written: Written = lambda i, j: None,
-    ) -> Array:
-        """Measured outputs (B, N) for inputs (1 or B, N), each noise from its own key (B, 4).
-
-        They are written into `out` float32 or float64, if given; it may be a strided view.  Of
-        several channels inputs are (1 or B, m, N), and outputs (B, q, N).
-        ``written(i, j)`` is called once episodes i to j are there, from any thread.
-        """
-        if self.record is not None:
-            return np.asarray(call("record", self.record, theta, u, keys, out, written))
-        clean = np.ascontiguousarray(self.stacked(self.respond(theta, u, rng)))
-        sigma = self.sigma(clean).copy()
-        if self.in_loop:
-            noise = np.zeros_like(clean)
-            add_white_noise(noise, sigma, keys, noise)
-            clean, sigma = self.respond(theta, u - noise, rng), np.zeros_like(sigma)
-            clean = clean + noise
-        one = out is not None and out.ndim == 2
-        noisy: Any = out if one else np.empty_like(clean)
-
-        def work(i: int, j: int) -> None:
-            add_white_noise(clean[i:j], sigma[i:j], keys[i:j], noisy[i:j])
-            if out is not None and not one:
-                out[i:j] = self.unstacked(noisy[i:j])
-            written(i, j)
-
-        over_blocks(work, len(clean), LANES)
-        return np.asarray(self.unstacked(noisy) if out is None else out)
-
-    def sigma(self, clean: Array) -> Array:
-        """Standard deviations of the measurement noise of stacked outputs, (B,)."""
-        value: Any = self.declared_noise
-        if callable(self.noise):
-            value = call("noise", self.noise, clean)
-        sigma = validation.float_array("noise's answer", value)
-        if sigma.shape not in ((), (1,), (len(clean),)):
-            raise ValueError(f"noise's answer has shape {sigma.shape}, not {(len(clean),)}.")
-        return np.broadcast_to(sigma, len(clean))
-
-    def oracle(self, theta: Array) -> Array:
-        """Gains (B, k) of the design rule that knows the parameters."""
-        return self.designs(theta)[0]
-
-    def designs(self, theta: Array) -> tuple[Array, Flags]:
-        """Gains (B, k) of the design rule, and whether they exist and reach the target (B,).
-
-        Nothing should be learned from gains that only come near it.
-        """
-        gains, reached = self._rows("design", self.design, len(self.gains), theta)
-        found = np.isfinite(gains).all(axis=1)
-        return gains, np.asarray(found if reached is None else found & reached)
-
-    def evaluation(self, theta: Array, gains: Array) -> tuple[Array, Flags]:
-        """All metrics (B, m) of gains as `evaluate` gives them, and whether loops are stable."""
-        if self.evaluate is None:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                values = np.asarray(gains / self.oracle(theta) - 1)
-            return values, np.asarray(~np.isnan(values).any(axis=1))
-        usable = np.isfinite(gains).all(axis=1)
-        values = np.full((len(theta), len(self.metrics)), np.nan)
-        stable = np.zeros(len(theta), dtype=np.bool_)
-        if usable.any():
-            width, given = len(self.metrics), (theta[usable], gains[usable])
-            found, known = self._rows("evaluate", self.evaluate, width, *given)
-            values[usable] = found
-            undefined = np.isnan(found[:, self._counted]).any(axis=1)
-            stable[usable] = ~undefined if known is None else known
-        return values, stable
-
-    def metric_values(self, theta: Array, gains: Array) -> Array:
-        """Counted metrics (B, f) of gains.
-
-        ``nan`` where there are no gains or the loop is unstable, ``inf`` where it is stable and
-        a metric is undefined.
-        """
-        return self.counted_values(*self.evaluation(theta, gains))
-
-    def counted_values(self, values: Array, stable: Flags) -> Array:
-        """What `metric_values` gives, from an `evaluation`."""
-        return defined(values[:, self._counted], stable)
-
-    def targets(self, theta: Array) -> Array:
-        """Counted metrics (B, f) that the design rule aims at, or else what it reaches."""
-        if self.target is not None:
-            return np.tile(np.array(self.target), (len(theta), 1))
-        return self.metric_values(theta, self.oracle(theta))
-
-    def closed_loop(self, theta: Array, gains: Array) -> ClosedLoop | None:
-        """The loop of gains (k,) around one plant (p,); None where there is nothing to draw."""
-        if self.loop is None or not np.isfinite(gains).all():
-            return None
-        drawn = call("loop", self.loop, theta.copy(), gains.copy())
-        remedy = "Give responses, an open loop, or both."
-        return validation.instance("loop's answer", drawn, ClosedLoop, remedy=remedy)
-
-    def errors(self, theta: Array, gains: Array) -> Array:
-        """Distances of the counted metrics from their targets, (B, f), in their own units."""
-        return np.asarray(self.metric_values(theta, gains) - self.targets(theta))
-
-    @property
-    def loop_target(self) -> Target | None:
-        """Target of the PI loop whose phase margin and crossover count, of a linear plant."""
-        counted = tuple(split(name)[0] for name in self.counted)
-        return self.parametrisation.target if self.linear and counted == MARGINS else None
-
-    def reward(self, theta: Array, gains: Array) -> Array:
-        """Reward (B,) between -5 and 0 (`yawrate_env.plant.reward`)."""
-        return self.reward_of(self.errors(theta, gains))
-
-    def reward_of(self, errors: Array) -> Array:
-        """Reward (B,) of the metrics' distances from their targets (B, f)."""
-        return reward(errors / self.metric_setting("scale"))
-
-    @property
-    def settings(self) -> dict[str, Metric]:
-        """All metrics' settings, by name."""
-        return {name: m for name, m in self.metrics.items() if isinstance(m, Metric)}
-
-    def metric_setting(self, of: str) -> Array:
-        """(f,) ``scale``, ``error`` or ``spread`` of the counted metrics."""
-        return np.array([getattr(self.settings[name], of) for name in self.counted])
-
-    def _rows(
-        self,
-        name: str,
-        function: Callable[..., Any],
-        width: int | tuple[int, ...],
-        *arrays: Array,
-    ) -> tuple[Array, Flags | None]:
-        batched = self.batched
-        if name == "simulate":
-            batched = getattr(self.simulate, "batched", batched)
-        return rows(name, function, width, batched, *arrays, names=tuple(self.prior))

@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 from yawrate_env.loop import shaping
 from yawrate_env.loop.design import Status, required_response
 from yawrate_env.loop.discretisation import DiscretePlant
-from yawrate_env.loop.margins import TransferFunction
 from yawrate_env.loop.parallel import Parallel
 from yawrate_env.loop.process_rules import PROCESS_RULES, Process, Standard
 from yawrate_env.loop.state_feedback import reference_gain
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 Designed = tuple[Array, NDArray[np.bool_]]

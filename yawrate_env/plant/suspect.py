@@ -1,4 +1,4 @@
-"""What may be wrong with a plant's description or with a log, as one number each.
+"""Suspects: what may be wrong with a plant's description or with a log, as one number each.
 
 Where a recording contradicts the plant, these are tried one by one; the one that explains it is
 named in the plant's words.

@@ -27,7 +27,7 @@ from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.process_rules import Process
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.control_loop import MARGINS, ControlLoop
-from yawrate_env.plant.distributions import plain, spread
+from yawrate_env.plant.distributions import spread
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.rules import LOOP_SHAPING
@@ -282,7 +282,7 @@ def _process(
     shortest, longest = prior[_DEAD_TIME]
     if 0 < shortest < longest:  # gains grow as it shrinks: what noise takes away is not asked for
         settings["search_limits"] = {_DEAD_TIME: (shortest, longest + (longest - shortest) / 2)}
-    arguments = {of: plain(value) for of, value in prior.items()}
+    arguments = {of: value.plain for of, value in prior.items()}
     return loop.plant(
         prior=prior,
         metrics=metrics,

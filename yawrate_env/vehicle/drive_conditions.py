@@ -1,4 +1,4 @@
-"""What drives meet: friction that walks and jumps, slow speed, manoeuvres, noise, disturbance.
+"""Conditions of drives: friction that walks and jumps, speed, manoeuvres, noise, disturbance.
 
 Vehicles are parameters (B, 3), friction, extra mass [kg] and speed [m/s], constant over a window
 and changed between windows.  Friction and speed are random walks between reflecting ends; friction

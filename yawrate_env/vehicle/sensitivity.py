@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.compiled import LANES, kernel, over_blocks
-from yawrate_env.loop.discretisation import ObserverForm, zoh_with_sensitivity
+from yawrate_env.loop.discretisation import zoh_with_sensitivity
+from yawrate_env.loop.observer_form import ObserverForm
 from yawrate_env.vehicle.single_track import (
     N_STATES,
     Context,

@@ -1,4 +1,4 @@
-"""What may be wrong with a vehicle's data or its log, in words (`yawrate_env.plant.suspect`)."""
+"""Suspects of a vehicle: what may be wrong with its data or its log, in words."""
 
 from dataclasses import dataclass, replace
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from yawrate_env import validation
 from yawrate_env.loop.target import Target
-from yawrate_env.plant.distributions import Spread, plain, spread
+from yawrate_env.plant.distributions import Shape, Spread, spread
 from yawrate_env.vehicle.single_track import CONTEXT, OTHERS, Vehicle, check_parameter
 from yawrate_env.vehicle.twin import LinearTwin, Twin
 
@@ -81,7 +81,7 @@ class Prior:
         return tuple(name for name in OTHERS if getattr(self, name) is not None)
 
     @property
-    def ranges(self) -> dict[str, Spread]:
+    def ranges(self) -> dict[str, Shape]:
         """All by name, in the order of a plant's parameters."""
         return {name: getattr(self, name) for name in (*CONTEXT, *self.others)}
 
@@ -159,7 +159,7 @@ class Task:
     def settings(self) -> dict[str, Any]:
         """The task as plain JSON values, without delays and priors that it does not have."""
         known = {name: value for name, value in asdict(self.vehicle).items() if value != 0}
-        prior = {name: plain(each) for name, each in self.prior.ranges.items()}
+        prior = {name: each.plain for name, each in self.prior.ranges.items()}
         parts = {name: asdict(getattr(self, name)) for name in ("experiment", "target", "twin")}
         return {"vehicle": known, "prior": prior, **parts}
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.backends.backend_svg import FigureCanvasSVG, RendererSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
@@ -28,7 +28,9 @@ from yawrate_env.plant.responses import OpenLoop, Response
 Array = NDArray[np.float64]
 
 HALF, FULL = 4.7, 9.8  # inch
+POINTS = 72  # an inch, as in SVG
 MOST_POINTS = 3000  # of a drawn line
+_PAD = 3.0  # points around the labels of axes
 MEASURED, MODEL, RESIDUAL = "#9db4c8", "#b0307a", "#69717a"
 THEMED = {
     rendering.INK: "ink",
@@ -44,7 +46,7 @@ STYLE = {
     **rendering.STYLE,
     "font.size": 9.5,
     "axes.titlesize": 10.0,
-    "figure.constrained_layout.use": True,
+    "figure.dpi": POINTS,
     "figure.facecolor": "none",
     "axes.facecolor": "none",
     "svg.fonttype": "none",
@@ -138,7 +140,6 @@ def whole(
             axes.yaxis.set_major_locator(MaxNLocator(2))
             axes.set_xlim(found.time[0], found.time[-1])
         picture.axes[-1].set_xlabel("time [s]")
-        picture.align_ylabels()
     return picture
 
 
@@ -222,9 +223,7 @@ def svg(picture: Figure, name: str, alternative: str = "") -> str:
     text = io.StringIO()
     with style.context(["default", STYLE, {"svg.hashsalt": name}]):
         FigureCanvasSVG(picture)
-        if (layout := picture.get_layout_engine()) is not None:
-            layout.execute(picture)  # left to savefig, all is drawn once more for it
-            picture.set_layout_engine("none")
+        _fit(picture)
         picture.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     markup = text.getvalue()[text.getvalue().index("<svg") :]
     markup = re.sub(r"<metadata>.*?</metadata>", "", markup, flags=re.DOTALL)
@@ -234,6 +233,36 @@ def svg(picture: Figure, name: str, alternative: str = "") -> str:
     head, rest = markup.split(">", 1)
     head = re.sub(r' (width|height)="[^"]*"', "", head)
     return f'{head} role="img" aria-label="{escape(alternative or name)}">{rest}'
+
+
+def _fit(picture: Figure) -> None:
+    """Make room for the labels of axes above each other, and align those at the left.
+
+    Matplotlib's constrained layout measures everything twice and has it drawn twice.
+    """
+    width, height = picture.bbox.size
+    renderer: Any = RendererSVG(width, height, io.StringIO())  # type: ignore[no-untyped-call]
+    column, inner = picture.axes, [axes.bbox.frozen() for axes in picture.axes]
+    outer = [
+        axes.get_tightbbox(renderer, for_layout_only=True) or inside
+        for axes, inside in zip(column, inner, strict=True)
+    ]
+    pairs = list(zip(inner, outer, strict=True))
+    left = _PAD + max(inside.x0 - around.x0 for inside, around in pairs)
+    across = width - left - _PAD - max(around.x1 - inside.x1 for inside, around in pairs)
+    above = [_PAD + around.y1 - inside.y1 for inside, around in pairs]
+    below = [_PAD + inside.y0 - around.y0 for inside, around in pairs]
+    stretch = (height - sum(above) - sum(below)) / sum(inside.height for inside in inner)
+    labels = [axes.yaxis.label.get_position()[0] for axes in column]
+    label = min(x - inside.x0 for x, inside in zip(labels, inner, strict=True))
+    y = height
+    for axes, inside, over, under in zip(column, inner, above, below, strict=True):
+        y -= over + stretch * inside.height
+        axes.set_position(
+            (left / width, y / height, across / width, stretch * inside.height / height)
+        )
+        axes.yaxis.set_label_coords(label / across, 0.5)
+        y -= under
 
 
 def _two_lines(label: str, unit_of: str = "") -> str:

@@ -19,8 +19,8 @@ from tuners.export.pi_program import pi_program
 from tuners.logs import Log
 from tuners.tuner.result import Result
 from tuners.tuner.spline import slopes
-from yawrate_env.loop.margins import TransferFunction, open_loop
 from yawrate_env.loop.target import Target
+from yawrate_env.loop.transfer_function import TransferFunction, open_loop
 
 Array = NDArray[np.float64]
 

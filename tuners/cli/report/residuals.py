@@ -1,4 +1,4 @@
-"""Whether the residuals of a fit are white, and whether an input explains any of them.
+"""Whiteness of a fit's residuals, and how much of them an input explains.
 
 For a right model the residual's autocorrelation at lag k > 0 and its cross-correlation with
 an input are normal around zero, with standard deviations 1/sqrt(N) and

@@ -4,11 +4,11 @@
 #include <math.h>
 
 static const {{ name }}_real GAINS[{{ name | upper }}_STATES] = {
-{{ of.gains.values() | rows(real) }}
+{{ state_feedback.gains.values() | rows(real) }}
 };
-static const {{ name }}_real REFERENCE = {{ of.reference_gain | number(real) }};
-static const {{ name }}_real LOW = {{ of.low | number(real) }};
-static const {{ name }}_real HIGH = {{ of.high | number(real) }};
+static const {{ name }}_real REFERENCE = {{ state_feedback.reference_gain | number(real) }};
+static const {{ name }}_real LOW = {{ state_feedback.low | number(real) }};
+static const {{ name }}_real HIGH = {{ state_feedback.high | number(real) }};
 
 static {{ name }}_real within({{ name }}_real value)
 {

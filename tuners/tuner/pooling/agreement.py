@@ -1,4 +1,4 @@
-"""Whether recordings show one plant: a chi-square test of each against the others together.
+"""Agreement of recordings: a chi-square test of each against the others together.
 
 Recording i has an estimate x_i with information G_i, and b_i = G_i x_i.  The sum of squares that
 the others' common estimate costs recording i,

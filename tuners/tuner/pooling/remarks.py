@@ -1,4 +1,4 @@
-"""What the answer from several recordings says of each: shares and disagreements."""
+"""Remarks on each of several recordings: shares and disagreements."""
 
 from collections.abc import Sequence
 

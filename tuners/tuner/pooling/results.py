@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.trust.checks import Assessment
-from tuners.trust.verdict import Finding
-from tuners.tuner.ladder import Climb
+from tuners.tuner.answers import Answers
+from tuners.tuner.inspection import Inspection
 from tuners.tuner.look import Look
 from tuners.tuner.method import Method, Rung
 from tuners.tuner.pooling import remarks
@@ -29,32 +29,20 @@ Array = NDArray[np.float64]
 class Answering(Protocol):
     """What is needed of a `Tuner`."""
 
-    plant: Plant
     method: Method
     calibration: tuple[float, ...]
+    inspection: Inspection
 
-    def look(self, recording: Recording, start: str = "auto") -> Look:
-        """Models of every episode, and the method's own gains."""
+    @property
+    def plant(self) -> Plant:
+        """The plant that it tunes."""
 
-    def known(self, theta: Array) -> NDArray[np.bool_]:
-        """Which measured parameters (B, p) the tuner was made for."""
-
-    def looped(self, recording: Recording) -> dict[str, Finding]:
-        """Whether inputs follow outputs, as in a loop that nobody named."""
+    @property
+    def answers(self) -> Answers:
+        """What makes results of climbed recordings."""
 
     def results(self, recording: Recording, start: str = "auto") -> tuple[Result, ...]:
         """Results for every episode."""
-
-    def answer(
-        self,
-        climbed: Climb,
-        found: Assessment,
-        i: int,
-        why: tuple[str, ...],
-        said: tuple[str, ...],
-        seconds: float,
-    ) -> Result:
-        """The result of one recording."""
 
 
 def pools(
@@ -69,20 +57,22 @@ def pools(
     validation.count("number of recordings", len(recordings), remedy="Give one or more.")
     plant, given = tuner.plant, [*recordings, *([] if validate is None else [validate])]
     looks = [
-        replace(tuner.look(recording, start), name=name)
+        replace(tuner.inspection.look(recording, start), name=name)
         for recording, name in zip(given, names(given, given_names), strict=True)
     ]
     further, looks = looks[len(recordings) :], looks[: len(recordings)]
     points = [operating_point(plant, looks, at) for at in ats]
 
     def recorded(recording: Recording, assessment: Assessment) -> Assessment:
-        return sampled(tuner.plant, recording, assessment).followed_by(tuner.looped(recording))
+        return sampled(tuner.plant, recording, assessment).followed_by(
+            tuner.inspection.looped(recording)
+        )
 
     pooling = Pooling(plant, tuner.method, recorded)
     joint = pooling.fit(looks)
     results = []
     for theta, at in zip(points, ats, strict=True):
-        pool = pooling.pool(looks, joint, theta, tuner.known(theta))
+        pool = pooling.pool(looks, joint, theta, tuner.inspection.known(theta))
         if len(looks) == 1 and at is None:
             (result,) = tuner.results(looks[0].given, start)
         else:
@@ -100,7 +90,7 @@ def _pooled(tuner: Answering, pooling: Pooling, looks: Sequence[Look], pool: Poo
     shares = remarks.shares(plant, looks, pool, pooling.alone)
     answering = near(pooling, looks, pool)
     if answering:  # the plant does not answer, but recordings of this operating point do
-        pool = pooling.pool(answering, pooling.fit(answering), theta, tuner.known(theta))
+        pool = pooling.pool(answering, pooling.fit(answering), theta, tuner.inspection.known(theta))
     else:
         pool, answering = pool.explained(remarks.disagreements(shares)), list(looks)
     seconds = sum(look.given.y.shape[-1] * look.given.Ts for look in answering)
@@ -108,7 +98,7 @@ def _pooled(tuner: Answering, pooling: Pooling, looks: Sequence[Look], pool: Poo
     if len(answering) < len(looks):
         said = (*only(answering), *said)
     why = remarks.left(plant, answering, pool)
-    result = tuner.answer(pool.climbed, pool.assessment, 0, why, said, seconds)
+    result = tuner.answers.of(pool.climbed, pool.assessment, 0, why, said, seconds)
     return replace(result, logs=shares)
 
 

@@ -1,4 +1,4 @@
-"""What each of several recordings adds to an answer, and how far it agrees with the others."""
+"""Share of each of several recordings in an answer, and how far it agrees with the others."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

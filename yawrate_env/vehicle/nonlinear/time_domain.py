@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yawrate_env import validation
 from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.loop import controller
 from yawrate_env.vehicle.manoeuvre import double_lane_change
@@ -94,12 +95,8 @@ def time_response(
     y, u : (B, N) float64
         Yaw rate [rad/s] and steering command, before the actuator's limits [rad].
     """
-    twin, target = task.twin, task.target
-    if not isinstance(twin, NonlinearTwin):
-        raise ValueError(
-            f"task.twin = {twin!r} is linear: use closed_loop.time_response, or give the task "
-            "a NonlinearTwin."
-        )
+    target, remedy = task.target, "Linear ones have closed_loop.time_response."
+    twin = validation.instance("task.twin", task.twin, NonlinearTwin, remedy=remedy)
     columns = packed(task.vehicle, twin.tyre, twin.body, twin.limits, context, target.Ts)
     coefficients = np.stack(controller.coefficients(kp, Ti, target))
     y, u = (np.empty((len(context), len(reference))) for _ in range(2))
