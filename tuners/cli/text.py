@@ -179,6 +179,16 @@ def unit_of(name: str) -> str:
     return split(name)[1]
 
 
+def prior_of(plant: Plant, name: str) -> str:
+    """A parameter's prior with its unit: ``5 to 50 s, normal``."""
+    prior, unit = plant.prior[name], unit_of(plant.label(name))
+    low, high = prior
+    if low == high:
+        return f"known, {quantity(low, unit)}"
+    law = getattr(prior, "words", "drawn with the others" if plant.together else "")
+    return ", ".join(filter(None, [f"{low:.4g} to {quantity(high, unit)}", law]))
+
+
 def displayed(plant: Plant) -> tuple[tuple[str, float], tuple[str, float]]:
     """Names of input and output for people, and the factors to their units."""
     input, output = plant.signals

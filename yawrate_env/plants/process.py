@@ -14,7 +14,7 @@ The margins are those of the sampled loop, whose controller runs at the experime
 time.  A number in place of a range is a parameter that is known.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Self
 
@@ -29,6 +29,7 @@ from yawrate_env.loop.target import Target
 from yawrate_env.plant.control_loop import MARGINS, ControlLoop
 from yawrate_env.plant.distributions import plain, spread
 from yawrate_env.plant.metric import Metric
+from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.rules import LOOP_SHAPING
 from yawrate_env.signals.excitation import (
@@ -288,11 +289,22 @@ def _process(
         metrics=metrics,
         u=made.input(),
         noise=made.noise,
+        labels=_labels(prior, made.signals, integrating),
         integrating=integrating,
         entry=f"yawrate_env.plants:{name}",
         arguments={**arguments, "experiment": asdict(made), **control.changes},
         **settings,
     )
+
+
+def _labels(names: Iterable[str], signals: tuple[str, str], integrating: bool) -> dict[str, str]:
+    """Parameters' names with their units: a gain's is the output's over the input's."""
+    input, output = (split(signal)[1] for signal in signals)
+    gain = f"{output}/{input}" if input and output else ""
+    if gain and integrating:
+        gain = f"{output}/({input} s)"
+    units = {name: gain if name == "K" else "s" for name in names}
+    return {name: f"{name} [{unit}]" for name, unit in units.items() if unit}
 
 
 @dataclass(frozen=True, slots=True)
