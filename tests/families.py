@@ -8,9 +8,9 @@ from recordings import ROOT
 
 import tuners
 from tuners.learners.feedforward import FeedForwardSettings
+from tuners.tuner.recipes import features_for
 from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Recipe
-from tuners.tuner.training import features_for
 from tuners.tuner.tuner import Tuner
 from yawrate_env.plant import episodes
 from yawrate_env.plant.entry import find

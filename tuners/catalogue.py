@@ -3,6 +3,7 @@
 import os
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,8 @@ from tuners.tuner.direct import FictitiousReference, VirtualReference
 from tuners.tuner.examples import Examples
 from tuners.tuner.method import Method
 from tuners.tuner.notes import hidden
+from tuners.tuner.recipe_search import Search
+from tuners.tuner.recipes import USUAL, Make, Sizes, plants_for, recipe_for
 from tuners.tuner.recording import Recording
 from tuners.tuner.rivals import BlackBoxRule, GrayBox, Nominal, Oracle
 from tuners.tuner.simulations import of_others, shown, simulating, slowness
@@ -36,8 +39,6 @@ from tuners.tuner.training import (
     expected,
     finished,
     fit,
-    plants_for,
-    recipe_for,
 )
 from tuners.tuner.tuner import Tuner
 from yawrate_env import validation
@@ -119,6 +120,9 @@ def train(
     workers: int | None = None,
     scheduler: str | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
+    sizes: Sizes = USUAL,
+    make: Make = recipe_for,
+    alone: bool = False,
 ) -> Tuner:
     """Train a two-stage tuner on simulated episodes of the ``train`` set.
 
@@ -146,22 +150,35 @@ def train(
     workers, scheduler, checkpoint
         Of a slow plant: how many processes simulate, or the address of a Dask scheduler, and a file
         that keeps the simulations, to go on after an interruption (`tuners.tuner.simulations`).
+    sizes : Sizes, optional
+        Of a plant's default recipe, those that are not to be searched, ``Sizes(order=12)``; plants
+        are also given by `episodes`.
+    make : callable, optional
+        Of default recipes: `recipe_for`, or `recipe_for_logs`.
+    alone : bool
+        Whether a default recipe's learner must be near the bound even where the fitted plant is,
+        as in exported programs, which have no fitted plant.
     """
     if calibration is not None:
         check_calibration(calibration)
+    validation.instance("sizes", sizes, Sizes, remedy="Give tuners.tuner.recipes.Sizes(...).")
     recipe: Recipe | None = None
     if isinstance(what, Plant) or (isinstance(what, str) and ":" in what):
         if plant is not None:
             raise ValueError("plant is given twice. Leave one out, or give a recipe first.")
         plant, known = find(what), "two-stage"
         calibration = CALIBRATION if calibration is None else calibration
+        sizes = replace(sizes, plants=episodes or sizes.plants)
     else:
+        if sizes.given or alone:
+            what_of = "sizes" if sizes.given else "alone"
+            raise ValueError(f"{what_of} is for a plant's default recipe. Leave it out.")
         known, recipe = recipe_named(what)
         plant = yaw_rate(_task(known)) if plant is None else find(plant)
     prior_gains(plant)  # refuses a plant of which nothing can be learned
     if said := slowness(plant):
         warnings.warn(said, stacklevel=2)
-    count = episodes or (plants_for(plant) if recipe is None else recipe.episodes)
+    count = episodes or sizes.plants or (plants_for(plant) if recipe is None else recipe.episodes)
     total = expected(plant, count, calibration or 0)
     with (
         shown(plant, progress) as bars,
@@ -170,11 +187,13 @@ def train(
         report = of_others(plant, bars)
         if plant.slow:
             begin(ready, count, calibration or 0, seed)
+        usual = recipe or make(ready, sizes)
         stages, training = fit(
-            ready, recipe or recipe_for(ready), count=episodes, seed=seed, name=name or known,
-            data=data, progress=report,
+            ready, usual, count=episodes, seed=seed, name=name or known, data=data, progress=report,
         )  # fmt: skip
-        tuner = finished(ready, stages, training, calibration or 0, report)
+        search = Search(make, sizes, usual, seed, calibration or 0, alone, report)
+        improve = search if recipe is None else None
+        tuner = finished(ready, stages, training, calibration or 0, report, improve)
     tuner.plant = with_emulator(plant, tuner.plant.emulator)
     tell(tuner)
     return tuner

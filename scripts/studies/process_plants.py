@@ -54,7 +54,7 @@ def run(
     readme: Path | None = None,
 ) -> str:
     """Train, record, tune, write; returns the plant's section of the page."""
-    tuner = train(plant, seed=seed, calibration=CALIBRATION, progress=progress)
+    tuner = trained(plant, seed, progress)
     part = {
         "seed": seed,
         "answers": tuner.training.get("answers"),
@@ -73,6 +73,11 @@ def run(
     return section(name, part)
 
 
+def trained(plant: Plant, seed: int, progress: Any = None) -> Tuner:
+    """A tuner of the default recipe."""
+    return train(plant, seed=seed, calibration=CALIBRATION, progress=progress)
+
+
 def drawn(plant: Plant, count: int, seed: int) -> Array:
     """(count, p) plants of the prior that no training has seen."""
     return parameters(plant, stream((_OWN, seed), 0, count, len(plant.prior)))
@@ -80,14 +85,18 @@ def drawn(plant: Plant, count: int, seed: int) -> Array:
 
 def right(tuner: Tuner, count: int, seed: int) -> dict[str, Any]:
     """Accuracy, verdicts and intervals on `count` right recordings."""
-    plant, theta = tuner.plant, drawn(tuner.plant, count, seed)
-    found = answered(tuner, theta, FAULTS[0], seed)
+    return accuracy(tuner, drawn(tuner.plant, count, seed), FAULTS[0], seed)
+
+
+def accuracy(tuner: Tuner, theta: Array, fault: Fault, seed: int) -> dict[str, Any]:
+    """The same for recordings of plants (B, p)."""
+    plant, found = tuner.plant, answered(tuner, theta, fault, seed)
     error, verdicts = found["error"], found["verdicts"]
     bound = cramer_rao(plant, theta)
     rms = np.sqrt(np.mean(error**2, axis=0)) / np.sqrt(np.mean(bound**2, axis=0))
     names = plant.counted
     return {
-        "recordings": count,
+        "recordings": len(theta),
         "over_bound": dict(zip(names, rms.tolist(), strict=True)),
         "bound": dict(zip(names, np.sqrt((bound**2).mean(axis=0)).tolist(), strict=True)),
         "usable": float((verdicts == 0).mean()),

@@ -174,7 +174,8 @@ FAULTS = (
 def output(parameters: Mapping[str, float], command: Array, step: float, late: float) -> Array:
     """Output (n,) of ``K e^{-L s} / ((T1 s + 1) ...)``, or of ``K e^{-L s} / s``, in steps [s].
 
-    Lags are the parameters whose names begin with T; without one the plant integrates.
+    Lags are the parameters whose names begin with T; without one the plant integrates.  No dead
+    time is none.
     """
     y = parameters["K"] * np.r_[0.0, command]
     lags = [value for name, value in parameters.items() if name.startswith("T")]
@@ -187,7 +188,7 @@ def output(parameters: Mapping[str, float], command: Array, step: float, late: f
         else:  # behind a lag signals are nearly straight lines between steps
             y = lfilter([1 - a, 1 - a], [2, -2 * a], y)
     times = step * np.arange(len(y))
-    return np.asarray(np.interp(times - parameters["L"] - late, times, y, left=0.0))
+    return np.asarray(np.interp(times - parameters.get("L", 0.0) - late, times, y, left=0.0))
 
 
 def recordings(

@@ -23,7 +23,7 @@ from tuners.features.armax import Armax
 from tuners.features.laguerre import Laguerre
 from tuners.features.regularised import Regularised
 from tuners.learners.actor import LIMIT
-from tuners.tuner.training import features_for
+from tuners.tuner.recipes import features_for
 from yawrate_env import ENV_ID, FEATURES_ID, NONLINEAR_ID, PLANT_FEATURES_ID
 from yawrate_env.env.tuning_env import plant_env
 from yawrate_env.loop.target import Target

@@ -9,7 +9,8 @@ from two_by_two import plant as two
 import tuners
 from studies.process_recordings import FAULTS, Fault, loose, recordings, returning, skipping
 from tuners.trust.actuator_memory import positions, sticking
-from tuners.trust.black_box import black_box, functions_for
+from tuners.trust.basis import functions_for
+from tuners.trust.black_box import black_box
 from tuners.trust.fit import fit
 from tuners.tuner.recording import Recording
 from yawrate_env import plants

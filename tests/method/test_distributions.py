@@ -8,6 +8,8 @@ from scipy.stats import beta, kstest, lognorm, truncnorm
 
 import tuners
 from tuners import LogRange, Normal
+from tuners.cli.text import prior_of
+from yawrate_env import plants
 from yawrate_env.plant.distributions import spread
 from yawrate_env.plant.episodes import parameters, recorded, sample
 from yawrate_env.plant.fingerprint import changed, fingerprint
@@ -164,3 +166,19 @@ def test_the_gray_box_finds_them():
     for theta, y in zip(episode.theta, episode.y, strict=True):
         found = gray.tune(u=episode.u[0], y=y, Ts=0.1)
         np.testing.assert_allclose(list(found.fit.parameters.values()), theta, rtol=0.1)
+
+
+def test_reports_have_priors_in_their_units_and_by_name():
+    heater = plants.fopdt(
+        K={"beta": {"a": 2.0, "b": 3.0, "scale": 2.0}},
+        T={"log": [5.0, 50.0]},
+        L=4.0,
+        experiment={"signals": ["heater [%]", "temperature [degC]"]},
+    )
+    assert prior_of(heater, "K") == "0 to 2 degC/%, beta a 2, b 3, scale 2"
+    assert prior_of(heater, "T") == "5 to 50 s, uniform in its logarithm"
+    assert prior_of(heater, "L") == "known, 4 s"
+    tank = plants.integrator(experiment={"signals": ["pump [%]", "level [mm]"]})
+    assert tank.label("K") == "K [mm/(% s)]" and plants.fopdt().label("K") == "K"
+    joint = plant(together=lambda unit: np.array([1.0, 0.5]) + unit)
+    assert prior_of(joint, "T") == "0.5 to 2, drawn with the others"

@@ -16,7 +16,8 @@ from tuners.features.response import FrequencyResponse
 from tuners.learners.feedforward import FeedForwardSettings
 from tuners.learners.trend import TrendSettings
 from tuners.trust.intervals import conformal
-from tuners.tuner.training import calibrate, recipe_for
+from tuners.tuner.recipes import recipe_for
+from tuners.tuner.training import calibrate
 from tuners.tuner.tuner_file import TunerFileError
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import recorded

@@ -22,9 +22,9 @@ from tuners.trust.basis import suited
 from tuners.tuner.against_bound import remarks
 from tuners.tuner.examples import examples
 from tuners.tuner.method import Rung
+from tuners.tuner.recipes import features_by_name, recipe_for
 from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Recipe, coordinates_of
-from tuners.tuner.training import features_by_name, recipe_for
 from tuners.tuner.tuner import Tuner
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.episodes import recorded, sample, share_without_gains

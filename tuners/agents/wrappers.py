@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tuners.agents.feature_map import ActionMap, FeatureMap
 from tuners.features import Features, features_named
 from tuners.learners.actor import LIMIT
-from tuners.tuner.training import features_by_name
+from tuners.tuner.recipes import features_by_name
 from yawrate_env import ENV_ID, PLANT_ID, validation
 from yawrate_env.env.interface import Interface
 from yawrate_env.env.tuning_env import TuningEnv, plant_env

@@ -71,7 +71,7 @@ def command(
         raise click.UsageError("--episodes is missing.")
     from tuners import data
     from tuners.cli.progress import Bars
-    from tuners.tuner.training import features_by_name
+    from tuners.tuner.recipes import features_by_name
 
     with Bars() as bars:
         if verify:

@@ -187,6 +187,19 @@ def unit_of(name: str) -> str:
     return split(name)[1]
 
 
+def prior_of(plant: Plant, name: str) -> str:
+    """A parameter's prior with its unit: ``5 to 50 s, normal``."""
+    prior, unit = (
+        dict(zip(plant.prior, plant.shapes, strict=True))[name],
+        unit_of(plant.label(name)),
+    )
+    low, high = prior
+    if low == high:
+        return f"known, {quantity(low, unit)}"
+    law = prior.words or ("drawn with the others" if plant.together else "")
+    return ", ".join(filter(None, [f"{low:.4g} to {quantity(high, unit)}", law]))
+
+
 def displayed(plant: Plant) -> tuple[Shown, Shown]:
     """Names of the inputs and of the outputs for people, and the factors to their units."""
     if plant.display is not None:

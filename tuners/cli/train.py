@@ -43,7 +43,19 @@ USUAL = 0.95
     help="Learn from a folder of `yawrate dataset` instead of simulating.",
 )
 @click.option("-o", "--out", type=Output(SUFFIX), required=True, help=f"Tuner to write, *{SUFFIX}.")
-@click.option("--episodes", type=COUNT, help="Simulated plants. [default: 1000 to 2000]")
+@click.option("--episodes", type=COUNT, help="Simulated plants. [default: 1000 or 2000, searched]")
+@click.option("--order", type=COUNT, help="Functions of the first stage. [default: searched]")
+@click.option(
+    "--pole",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="Their pole, in rad/s. [default: searched]",
+)
+@click.option("--neurons", type=COUNT, help="Of the second stage. [default: searched]")
+@click.option(
+    "--alone",
+    is_flag=True,
+    help="Search for a learner that is near the bound without the fitted plant, for export.",
+)
 @click.option(
     "--seed",
     type=SEED,
@@ -62,6 +74,10 @@ def command(
     folder: Path | None,
     out: Path,
     episodes: int | None,
+    order: int | None,
+    pole: float | None,
+    neurons: int | None,
+    alone: bool,
     seed: int,
     workers: int | None,
     scheduler: str | None,
@@ -82,12 +98,19 @@ def command(
     A plant described with slow=True is simulated in processes, and what is simulated is kept
     beside the tuner until that is finished: call an interrupted training again to continue it.
 
+    The recipe is the usual one where its learner is within 1.1 times the bound, or the step on the
+    plant fitted to a recording gets there, which then answers. Else order and pole of the first
+    stage, neurons and plants are searched, but for those that are given. A table lists what was
+    tried.
+
     With --data all is learned from that folder's episodes, a part of them in memory at a
     time.  The folder says what it is of: a --vehicle must be the same, or is left out.
     """
     refuse_overwriting(out, vehicle)
-    if folder is not None and episodes is not None:
-        raise click.UsageError("--data takes the episodes of its folder: leave out --episodes.")
+    sizes = {"episodes": episodes, "order": order, "pole": pole, "neurons": neurons}
+    given = [name for name, value in sizes.items() if value is not None] + ["alone"] * alone
+    if folder is not None and given:
+        raise click.UsageError(f"--data takes what its folder holds: leave out --{given[0]}.")
     if find_spec("torch") is None:
         raise click.ClickException('Training needs PyTorch: pip install "yawrate[tuners]".')
     import tuners
@@ -97,17 +120,17 @@ def command(
     from tuners.tuner import emulator_check
     from tuners.tuner.against_bound import remarks
     from tuners.tuner.hidden_faults import as_record, hidden_faults, sentences
+    from tuners.tuner.recipes import Sizes, recipe_for_logs
     from tuners.tuner.simulations import simulating, slowness
-    from tuners.tuner.training import recipe_for_logs
 
-    given = None if folder is not None and vehicle is None else plant_from(vehicle)
+    described = None if folder is not None and vehicle is None else plant_from(vehicle)
     if folder is None:
-        assert given is not None
-        plant = given
+        assert described is not None
+        plant = described
     else:
         from tuners import data
 
-        plant = data.Folder(folder, given).recipe.plant
+        plant = data.Folder(folder, described).recipe.plant
     if slowly := slowness(plant):
         click.echo(f"Note: {slowly}")
     kept = out.with_name(f"{out.name}{KEPT}") if plant.slow else None
@@ -118,15 +141,14 @@ def command(
     with ready() as quick:
         for sentence in distinction(quick).sentences():
             click.echo(sentence)
-        recipe = recipe_for_logs(quick)
     with Bars() as bars:
         if folder is not None:
             tuner = data.train(folder, plant=plant, seed=seed, progress=bars)
         else:
             tuner = tuners.train(
-                recipe, plant, episodes=episodes, seed=seed, progress=bars, workers=workers,
-                calibration=OF_SLOW if plant.slow else CALIBRATION, scheduler=scheduler,
-                checkpoint=kept,
+                plant, make=recipe_for_logs, sizes=Sizes(order, pole, neurons, episodes),
+                alone=alone, seed=seed, progress=bars, workers=workers, scheduler=scheduler,
+                calibration=OF_SLOW if plant.slow else CALIBRATION, checkpoint=kept,
             )  # fmt: skip
     with Bars() as bars, ready(bars) as quick:
         emulator, trained = tuner.plant.emulator, tuner.plant
@@ -138,7 +160,7 @@ def command(
     tuner.save(out)
     if kept is not None:
         kept.unlink(missing_ok=True)
-    said = [f"{out}: {measured}", *remarks(tuner), *sentences(hidden)]
+    said = [f"{out}: {measured}", *recipe_table(tuner), *remarks(tuner), *sentences(hidden)]
     click.echo("\n".join([*said, *emulator_check.sentences(tuner.training)]))
 
 
@@ -164,6 +186,38 @@ def accuracy(tuner: "Tuner", seed: int) -> str:
     if found.trusted.mean() <= USUAL:
         said += ", more would be with larger scales of the metrics"
     return "\n".join([said, *leaks(tuner.plant, found)])
+
+
+_SIZES = "order", "pole", "neurons", "plants"
+
+
+def recipe_table(tuner: "Tuner") -> list[str]:
+    """The recipes that were tried, their errors over the bound, and who answers; lines."""
+    training, names = tuner.training, tuner.plant.counted
+    if "search" not in training:
+        return []
+    beside, rows = training["against_bound"], []
+
+    def cells(ratio: dict[str, float]) -> list[str]:
+        return [f"{ratio[name]:.2f}" for name in names]
+
+    def quarter(of: str) -> str:
+        return f"{max(beside[of]['quarter'].values()):.2f}"
+
+    for row in training["search"]["tried"]:
+        sizes = [f"{row[name]:.3g}" if name == "pole" else str(row[name]) for name in _SIZES]
+        ends = [quarter("learner"), "chosen"] if row["chosen"] else ["", row["stage"]]
+        rows.append([*sizes, *cells(row["ratio"]), *ends])
+    answers = "answers" if training["answers"] == "FITTED_PLANT" else ""
+    fitted = cells(beside["fitted_plant"]["ratio"])
+    rows.append(["fitted plant", "", "", "", *fitted, quarter("fitted_plant"), answers])
+    heads = [*_SIZES, *map(metric_name, names), "worst quarter", ""]
+    lines = [heads, *rows]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(heads))]
+    return ["Recipes, with errors over the bound on plants that none of them learned from:"] + [
+        "  " + "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    ]
 
 
 def _rms(values: NDArray[np.float64]) -> NDArray[np.float64]:

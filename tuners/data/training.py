@@ -12,14 +12,13 @@ from tuners.data.folder import Folder, check
 from tuners.data.manifest import DatasetError
 from tuners.trust.emulator import with_emulator
 from tuners.tuner.against_bound import tell
+from tuners.tuner.recipes import confined, recipe_for
 from tuners.tuner.simulations import of_others, shown, simulating
 from tuners.tuner.stages import LEAST_USABLE, Recipe, Stages, coordinates_of, training_split
 from tuners.tuner.training import (
     CALIBRATION,
     check_calibration,
-    confined,
     finished,
-    recipe_for,
     rehearse,
 )
 from tuners.tuner.tuner import Tuner

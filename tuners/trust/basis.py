@@ -60,8 +60,10 @@ def left_over(plant: Plant, functions: Laguerre) -> float:
     return float(np.sqrt(left / (y.var(axis=1) * y.shape[1])).mean())
 
 
-def suited(plant: Plant, order: int) -> Laguerre:
-    """Laguerre basis with the pole that explains the prior's noise-free outputs best."""
+def suited(plant: Plant, order: int, pole: float | None = None) -> Laguerre:
+    """Laguerre basis with a pole, or the one that explains the prior's noise-free outputs best."""
+    if pole is not None:
+        return basis(plant)(order, pole)
     y = plant.respond(sample(plant, _PLANTS))
     energy = (plant.stacked(y) ** 2).sum(axis=1)
     slowest, fastest = 2 / (plant.samples * plant.Ts), 1 / plant.Ts
@@ -71,9 +73,9 @@ def suited(plant: Plant, order: int) -> Laguerre:
     return models[int(np.argmin(left))]
 
 
-def suited_to_any_input(plant: Plant, order: int) -> Regularised:
+def suited_to_any_input(plant: Plant, order: int, pole: float | None = None) -> Regularised:
     """The same basis, regularised by the coefficients of simulated plants, for any input."""
-    functions = suited(plant, order)
+    functions = suited(plant, order, pole)
     gram, right, y = equations_of_any_input(plant, functions)
     return regularised(functions, gram, right, plant.sigma(y) ** 2)
 

@@ -19,7 +19,7 @@ from tuners.tuner.notes import stretched
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner
 from yawrate_env.plant.episodes import recorded
-from yawrate_env.plant.names import split
+from yawrate_env.plant.names import split, valued
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -112,7 +112,7 @@ def sentences(hidden: list[Hidden]) -> list[str]:
         return []
     parts = []
     for each in hidden:
-        costs = (" ".join((split(n)[0], f"{v:.2g}", split(n)[1])) for n, v in each.cost.items())
+        costs = (valued(n, float(f"{v:.2g}")).replace("_", " ") for n, v in each.cost.items())
         parts.append(f"  {each.fault}: {each.share:.0%}, off by {', '.join(costs)}")
     return ["Faults that the prior hides, with the share called usable in error, and rms:", *parts]
 

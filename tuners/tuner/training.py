@@ -1,32 +1,19 @@
 """Training and calibration from a plant's description alone."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tuners import features, learners
-from tuners.features import Features, features_named
-from tuners.features.laguerre import Laguerre
-from tuners.features.principal import principal
-from tuners.features.regularised import Regularised
-from tuners.features.response import FrequencyResponse
-from tuners.learners.feedforward import FeedForwardSettings
-from tuners.learners.trend import TrendSettings
-from tuners.trust.basis import (
-    equations_of_any_input,
-    functions_for,
-    suited,
-    suited_to_any_input,
-)
 from tuners.trust.checks import Assessment
 from tuners.trust.emulator import BEYOND, NODES, OF_STEPS, OutputEmulator, nodes_of, probe
 from tuners.trust.intervals import conformal
-from tuners.tuner.against_bound import EPISODES, judge
+from tuners.tuner.against_bound import EPISODES, Judged, judge, keep
 from tuners.tuner.emulator_check import PLANTS, emulator_shift
 from tuners.tuner.examples import Examples, examples
+from tuners.tuner.recipes import confined
 from tuners.tuner.recording import Recording
 from tuners.tuner.simulations import ahead
 from tuners.tuner.stages import Recipe, Stages, coordinates_of, train_stages
@@ -48,11 +35,8 @@ from yawrate_env.signals.streams import stream
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
+Improve = Callable[[Tuner, Judged], tuple[Tuner, Judged]]
 
-ORDER, MORE = 8, 24
-"""Laguerre functions for one input, and for an input of each episode's own."""
-
-RESPONSE_ORDER = 12
 LEAST_PLANTS = 50
 LEAST_CALIBRATION = 50
 
@@ -62,18 +46,6 @@ CALIBRATION = 500
 _TO_FIT = 4  # simulations, about, of a plant to a recording with the help of an emulator
 _DOUBTED = 32  # episodes of one doubtful plant
 _MEASURED = 0.05  # of its value: by how much a measured parameter is off
-_BAND = 0.2, 4.0  # of the crossover: frequencies whose response is a feature
-
-
-def recipe_for(plant: Plant) -> Recipe:
-    """Features that suit the plant, a small network, fresh noise; more plants for more inputs."""
-    learner = FeedForwardSettings(neurons=16, max_fail=10, epochs=300)
-    return Recipe(features_for(plant), learner, noise_draws=6, episodes=plants_for(plant))
-
-
-def plants_for(plant: Plant) -> int:
-    """How many plants `recipe_for` simulates."""
-    return 1000 if plant.excite is None else 2000
 
 
 def expected(plant: Plant, count: int, calibration: int) -> int:
@@ -82,56 +54,6 @@ def expected(plant: Plant, count: int, calibration: int) -> int:
     checked = 2 * len(plant.unknown) * PLANTS if calibration else 0
     nodes = BEYOND + (min(OF_STEPS, count) if plant.linear else 0)
     return count + nodes + judged * (1 + _TO_FIT) + checked
-
-
-def recipe_for_logs(plant: Plant) -> Recipe:
-    """A recipe for recordings whose input and length differ from the experiment's.
-
-    Of a linear plant with a crossover the features are its frequency response around it, which do
-    not depend on the input; any other plant gets `recipe_for`.
-    """
-    special = plant.integrating or plant.excite is not None
-    if not plant.linear or plant.crossover is None or special:
-        return recipe_for(plant)
-    low, high = (share * plant.crossover for share in _BAND)
-    order = min(RESPONSE_ORDER, plant.samples // 10)
-    features = FrequencyResponse(order, functions_for(plant).pole, low, high)
-    learner = TrendSettings(FeedForwardSettings(neurons=16, max_fail=10, epochs=120))
-    return Recipe(features, learner, noise_draws=3, episodes=2000)
-
-
-def features_for(plant: Plant) -> Laguerre | Regularised:
-    """Laguerre features with a pole that suits the plant.
-
-    A network learns what a few functions leave out of one input; where every episode has an
-    input of its own it takes more functions, regularised by the prior.
-    """
-    most = plant.samples // 10 // len(plant.inputs_named)
-    if plant.excite is None or plant.integrating:
-        return suited(plant, min(ORDER, most))
-    return suited_to_any_input(plant, min(MORE, most))
-
-
-def confined(plant: Plant, recipe: Recipe) -> Recipe:
-    """The recipe with features that know the plant's principal components, if it asks for any."""
-    if not recipe.components:
-        return recipe
-    response = cast(FrequencyResponse, recipe.features)  # as `Recipe` has checked
-    functions = Laguerre(response.order, response.pole)
-    gram, right, _ = equations_of_any_input(plant, functions)
-    return replace(
-        recipe, features=principal(response, recipe.components, gram, right), components=0
-    )
-
-
-def features_by_name(plant: Plant, name: str, **settings: Any) -> Features:
-    """A first stage by name; ``laguerre`` is `features_for` the plant, but for `settings`."""
-    if name != "laguerre":
-        return features_named(name, **settings)
-    found = features_for(plant)
-    if not settings:
-        return found
-    return features_named(name, **{"order": found.order, "pole": found.pole, **settings})
 
 
 def fit(
@@ -231,6 +153,7 @@ def finished(
     training: dict[str, Any],
     calibration: int,
     progress: Progress | None = None,
+    improve: Improve | None = None,
 ) -> Tuner:
     """A tuner of trained stages: judged and calibrated, and with an emulator of a slow plant.
 
@@ -239,7 +162,9 @@ def finished(
     training : dict
         How the stages were trained, which the record keeps and goes on with.
     calibration : int
-        Episodes that calibrate the intervals; 0 leaves those of a normal error.
+        Episodes that calibrate the intervals; 0 leaves those of a normal error, and judges nothing.
+    improve : callable, optional
+        Finds better stages for a tuner that was judged, where it needs any.
     """
     seed = training["seed"]
     if plant.slow and plant.emulator is None:
@@ -248,11 +173,17 @@ def finished(
     tuner = Tuner(plant, stages, training)
     training["without_gains"] = share_without_gains(plant)
     if calibration:
-        judge(tuner, seed)
+        found = judge(tuner, seed)
+        if improve is not None:
+            tuner, found = improve(tuner, found)
+        keep(tuner, found)
         calibrate(tuner, calibration, seed, progress)
         if plant.emulator is not None:
             shift = emulator_shift(tuner, seed)
-            training["emulator"] = {"nodes": len(plant.emulator.arrays()["nodes"]), "shift": shift}
+            tuner.training["emulator"] = {
+                "nodes": len(plant.emulator.arrays()["nodes"]),
+                "shift": shift,
+            }
     return tuner
 
 

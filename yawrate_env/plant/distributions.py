@@ -23,6 +23,7 @@ class Uniform(tuple[float, float]):
     __slots__ = ()
 
     kind: ClassVar[str] = ""
+    words: ClassVar[str] = ""
 
     @property
     def middle(self) -> float:
@@ -52,6 +53,7 @@ class LogRange:
     """
 
     kind: ClassVar[str] = "log"
+    words: ClassVar[str] = "uniform in its logarithm"
 
     low: float
     high: float
@@ -93,6 +95,7 @@ class Normal:
     """
 
     kind: ClassVar[str] = "normal"
+    words: ClassVar[str] = "normal"
 
     mean: float
     deviation: float
@@ -173,6 +176,13 @@ class Distribution:
 
     def __iter__(self) -> Iterator[float]:
         return iter(self.at(np.array([0.0, 1.0])).tolist())
+
+    @property
+    def words(self) -> str:
+        """Its name and parameters, for people."""
+        return " ".join(
+            [self.kind, ", ".join(f"{name} {value:g}" for name, value in self.settings)]
+        )
 
     @property
     def middle(self) -> float:

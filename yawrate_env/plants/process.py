@@ -17,6 +17,7 @@ The margins are those of the sampled loop, whose controller runs at the experime
 time.  A number in place of a range is a parameter that is known.
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -27,6 +28,7 @@ from yawrate_env.loop.process_rules import Process
 from yawrate_env.plant.control_loop import MARGINS, ControlLoop
 from yawrate_env.plant.distributions import spread
 from yawrate_env.plant.metric import Metric
+from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.rules import LOOP_SHAPING
 from yawrate_env.plants.control import Control
@@ -37,6 +39,9 @@ Array = NDArray[np.float64]
 
 _DEAD_TIME = "L"
 
+
+_MOTOR_UNITS = {"J": "kg m2", "b": "N m s/rad", "K": "N m/A", "R": "ohm"}
+_HEATER_UNITS = {"C": "J/K", "h": "W/K", "P": ""}  # power for one unit of the input
 
 _TEST = Experiment()
 _MOTOR_TEST = Experiment(
@@ -137,9 +142,8 @@ def dc_motor(
         if "rule" in control
         else {"rule": LOOP_SHAPING, "target": {"phase_margin": 60.0, "crossover": 8.0}}
     )
-    return _process(
-        "dc_motor", prior, MOTOR, _MOTOR_TEST.changed(experiment), Control.of({**usual, **control})
-    )
+    made, wanted = _MOTOR_TEST.changed(experiment), Control.of({**usual, **control})
+    return _process("dc_motor", prior, MOTOR, made, wanted, units=_MOTOR_UNITS)
 
 
 def thermal(
@@ -169,9 +173,8 @@ def thermal(
     """
     prior = {"C": C, "h": h, "P": P, "tau": tau, "L": L}
     usual = {} if control else {"tau_c": 20.0}
-    return _process(
-        "thermal", prior, HEATER, _HEATER_TEST.changed(experiment), Control.of({**usual, **control})
-    )
+    made, wanted = _HEATER_TEST.changed(experiment), Control.of({**usual, **control})
+    return _process("thermal", prior, HEATER, made, wanted, units=_HEATER_UNITS)
 
 
 def _process(
@@ -181,6 +184,7 @@ def _process(
     experiment: Experiment,
     control: Control,
     integrating: bool = False,
+    units: Mapping[str, str] = USUAL,
 ) -> Plant:
     """A plant behind a dead time, its last parameter."""
     if integrating and control.rule == "ms":
@@ -217,11 +221,24 @@ def _process(
         metrics=metrics,
         u=experiment.input(),
         noise=experiment.noise,
+        labels=_labels(prior, experiment.signals, integrating, units),
         integrating=integrating,
         entry=f"yawrate_env.plants:{name}",
         arguments={**arguments, "experiment": asdict(experiment), **control.changes},
         **settings,
     )
+
+
+def _labels(
+    names: Iterable[str], signals: tuple[str, str], integrating: bool, units: Mapping[str, str]
+) -> dict[str, str]:
+    """Parameters' names with their units: a gain's is the output's over the input's."""
+    input, output = (split(signal)[1] for signal in signals)
+    gain = f"{output}/{input}" if input and output else ""
+    if gain and integrating:
+        gain = f"{output}/({input} s)"
+    usual = {name: gain if name == "K" else "s" for name in names}
+    return {name: f"{name} [{unit}]" for name, unit in {**usual, **units}.items() if unit}
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from tuners.cli.text import (
     fit_percent,
     gain_units,
     metric_name,
+    prior_of,
     quantity,
     unit_of,
 )
@@ -85,14 +86,14 @@ def parameters(result: Result) -> list[tuple[str, str, str]]:
     plant, deviations, rows = result.plant, result.fit.deviations, []
     for name, value in result.fit.parameters.items():
         low, high = plant.prior[name]
-        prior = f"{low:.4g} to {high:.4g}"
+        prior, (label, unit) = prior_of(plant, name), split(plant.label(name))
         if name in deviations:
-            known = f"estimated, standard deviation {deviations[name]:.2g}; prior {prior}"
+            deviation = quantity(deviations[name], unit, 2)
+            known = f"estimated, standard deviation {deviation}; prior {prior}"
         elif name in plant.measured:
             known = f"measured; the tuner was made for {prior}" if low < high else "measured"
         else:
             known = "known"
-        label, unit = split(plant.label(name))
         rows.append((label, minus(quantity(value, unit)), minus(known)))
     return rows
 
@@ -134,7 +135,7 @@ def setup(result: Result, log: Log, tuner: str, logs: Sequence[Log] = ()) -> lis
     (_, outputs), target = displayed(plant), plant.parametrisation.target
     rows = [("Tuner", tuner), ("Plant", plant.entry or "without an entry point")]
     rows += [
-        (capital(name), _listed(value))
+        (capital(name), prior_of(plant, name) if name in plant.prior else _listed(value))
         for name, value in plant.arguments.items()
         if value and name != "target"
     ]
