@@ -36,8 +36,9 @@ _FORMULA = re.compile(r"\$([^$\n]+)\$")
 _TARGET = re.compile(r"\]\([^)]*\)")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
-_BARE = re.compile(rf"[-−±~≈]?{NUMBER}\s*(?:%|°|[A-Za-z]{{1,3}}(?:/s)?)?")
-"""Code that is nothing but a number, with a unit or without."""
+_QUANTITY = rf"[-−±~≈]?{NUMBER}\s*(?:%|°|[A-Za-z]{{1,3}}(?:/s)?)?"
+_BARE = re.compile(rf"{_QUANTITY}(?:(?:, | to | and |/){_QUANTITY})*")
+"""Code that is nothing but numbers, with units or without."""
 
 _ITEM = re.compile(r"^(?:#+ | *)(\d+)\. (?=\S)")
 _INDICES = re.compile(r"^\| (\d(?:, \d)*) \|")

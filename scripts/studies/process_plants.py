@@ -19,6 +19,7 @@ from tuners import Tuner, train
 from tuners.trust.bound import cramer_rao
 from tuners.trust.checks import Assessment
 from tuners.trust.findings import MISS
+from tuners.tuner.hidden_faults import as_record, hidden_faults
 from tuners.tuner.recording import Recording
 from tuners.tuner.sampling import sampled
 from yawrate_env.files import write_text
@@ -58,6 +59,7 @@ def run(
         "seed": seed,
         "answers": tuner.training.get("answers"),
         "right": right(tuner, count, seed),
+        "hides": as_record(hidden_faults(tuner, seed)) if faulty else [],
         "faults": [faulted(tuner, fault, faulty, seed) for fault in FAULTS[1:] if faulty],
     }
     path = results / "process_plants.json"
@@ -215,7 +217,9 @@ def section(name: str, part: Mapping[str, Any]) -> str:
     if not rows:
         return said
     count = part["faults"][0]["recordings"]
-    return f"{said} {count} with each fault:\n\n{table(heads, rows).strip()}"
+    said = f"{said} {count} with each fault:\n\n{table(heads, rows).strip()}"
+    hidden = (f"{each['fault']} ({_percent(each['share'])})" for each in part["hides"])
+    return f"{said}\n\nHidden, as `yawrate train` says, with the share: {', '.join(hidden)}."
 
 
 def _summary(right: Mapping[str, Any]) -> tuple[str, ...]:

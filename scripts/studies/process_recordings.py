@@ -5,7 +5,7 @@ Nothing here comes from the package's own simulators: each lag is a first-order 
 steps, and what is wrong with a recording happens on the fine grid, between the samples.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,7 @@ FINE = 20
 
 _STUCK = 7.0  # s, the longest that a sticking valve stays
 _BAND = 0.3  # of the largest command: how far a valve with friction lets it go before it follows
+_STICK, _SLIP = 0.4, 0.1  # of the largest command: what He and Kano call S and J
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +81,68 @@ def _stuck(command: Array, step: float, rng: np.random.Generator, share: float) 
 
 def rubbing(command: Array, step: float, rng: np.random.Generator) -> Array:
     """A valve with friction, which moves once the command is `_BAND` away and then jumps to it."""
-    given, position, band = command.copy(), command[0], _BAND * np.abs(command).max()
-    for i in np.r_[0, np.flatnonzero(np.diff(command)) + 1]:
-        if abs(command[i] - position) > band:
-            position = command[i]
-        given[i:] = position
-    return given
+
+    def follow(u: Array) -> Iterator[float]:
+        at = u[0]
+        for value in u:
+            at = value if abs(value - at) > _BAND * np.abs(u).max() else at
+            yield at
+
+    return _moved(command, follow)
+
+
+def loose(command: Array, step: float, rng: np.random.Generator) -> Array:
+    """A valve with a dead band of `_BAND` of the command's range: it is behind by half of it."""
+
+    def follow(u: Array) -> Iterator[float]:
+        at, half = u[0], _BAND * np.ptp(u) / 2
+        for value in u:
+            at = min(max(at, value - half), value + half)
+            yield at
+
+    return _moved(command, follow)
+
+
+def skipping(command: Array, step: float, rng: np.random.Generator) -> Array:
+    """A valve after He et al. (Ind. Eng. Chem. Res. 46, 2007): friction builds up, then slips."""
+
+    def follow(u: Array) -> Iterator[float]:
+        most = np.abs(u).max()
+        static, kinetic = (_STICK + _SLIP) / 2 * most, (_STICK - _SLIP) / 2 * most
+        at, force = u[0], 0.0
+        for change, value in zip(np.diff(u, prepend=u[0]), u, strict=True):
+            force += change
+            if abs(force) > static:
+                at, force = value - np.sign(force) * kinetic, np.sign(force) * kinetic
+            yield at
+
+    return _moved(command, follow)
+
+
+def returning(command: Array, step: float, rng: np.random.Generator) -> Array:
+    """A valve after Kano et al. (IFAC DYCOPS, 2004): it sticks where the command turns."""
+
+    def follow(u: Array) -> Iterator[float]:
+        most, at, direction, stuck, turn, last = np.abs(u).max(), u[0], 1.0, True, u[0], 0.0
+        for change, value in zip(np.diff(u, prepend=u[0]), u, strict=True):
+            if not stuck and change * last <= 0:
+                stuck, turn = True, value - change
+            moved = direction * (value - turn)
+            if stuck and (-moved > _STICK * most or moved > _SLIP * most):
+                direction, stuck = np.sign(moved) * direction, False
+            if not stuck:
+                at = value - direction * (_STICK - _SLIP) / 2 * most
+            last = change
+            yield at
+
+    return _moved(command, follow)
+
+
+def _moved(command: Array, follow: Callable[[Array], Iterator[float]]) -> Array:
+    """What a valve gives that moves when the command changes, from the values that this takes."""
+    at = np.r_[0, np.flatnonzero(np.diff(command)) + 1]
+    values = np.fromiter(follow(command[at]), np.float64, len(at))
+    return np.repeat(values, np.diff(np.r_[at, len(command)]))
 
 
 def curved(command: Array, step: float, rng: np.random.Generator) -> Array:
@@ -108,6 +165,9 @@ FAULTS = (
     Fault("valve up to 7 s late, at times", valve=sticking_at_times),
     Fault("valve with friction", valve=rubbing),
     Fault("equal-percentage valve", valve=curved),
+    Fault("valve with a dead band", valve=loose),
+    Fault("valve after He", valve=skipping),
+    Fault("valve after Kano", valve=returning),
 )
 
 

@@ -94,7 +94,8 @@ def test_a_source_that_leads_nowhere_is_refused(source, stored):
 
 MEASURED = [
     "31 and 2.5°", "98 %", "-4.8", "±1°", "1500 others", "10 000 samples", "0.987/0.999",
-    "`98 %`", "`0.0093°`", "`1500`", "$98$ %", r"$98\,\%$", "$e = 0.25$", "$rms < 12$",
+    "`98 %`", "`0.0093°`", "`1500`", "`30 dB, 10 s`", "`3 to 5 %`",
+    "$98$ %", r"$98\,\%$", "$e = 0.25$", "$rms < 12$",
     "(3.8 times)", "(of 1500 episodes, 2000)", "(Episodes 2000)", "(PRBS, 2000)",
     "Tuners, 2010 of them",
     "figures of 4 to 8 %", "eq. 98", "step of 5°", "a step 5 °", "section 98", "Python 4 times",

@@ -8,7 +8,19 @@ import pytest
 
 import tuners
 from studies import process_plants
-from studies.process_recordings import FAULTS, Fault, clipped, curved, output, recordings, rubbing
+from studies.process_recordings import (
+    FAULTS,
+    Fault,
+    clipped,
+    curved,
+    loose,
+    output,
+    recordings,
+    returning,
+    rubbing,
+    skipping,
+)
+from tuners.tuner.hidden_faults import Hidden
 from yawrate_env import plants
 from yawrate_env.signals.excitation import prbs
 
@@ -40,6 +52,16 @@ def test_valves_follow_two_levels_and_change_what_lies_between():
     several = np.array([1.0, 0.8, 0.6, -1.0])
     np.testing.assert_allclose(rubbing(several, STEP, rng), [1.0, 1.0, 0.6, -1.0])
     assert (curved(several, STEP, rng)[1:3] < several[1:3]).all()
+    turning = np.array([0.0, 1.0, 0.9, 0.4, 0.0, 0.2, 0.5])
+    np.testing.assert_allclose(loose(turning, STEP, rng), [0, 0.85, 0.85, 0.55, 0.15, 0.15, 0.35])
+    # Of 1 at most: behind by (S - J)/2 = 0.15 in motion, and stuck until S = 0.4 after a turn.
+    np.testing.assert_allclose(
+        returning(turning, STEP, rng), [0, 0.85, 0.85, 0.55, 0.15, 0.15, 0.35]
+    )
+    # Slips where more than (S + J)/2 = 0.25 has built up, and keeps 0.15 of it.
+    np.testing.assert_allclose(
+        skipping(turning, STEP, rng), [0, 0.85, 0.85, 0.55, 0.15, 0.15, 0.35]
+    )
 
 
 def test_faults_act_on_time_scale_and_output():
@@ -58,6 +80,8 @@ def test_faults_act_on_time_scale_and_output():
 
 def test_right_recordings_sit_on_the_bound_and_a_scaled_output_misses(tmp_path, monkeypatch):
     monkeypatch.setattr(process_plants, "train", lambda plant, **_: tuners.load("gb", plant))
+    hidden = Hidden("a late output", 0.8, {})
+    monkeypatch.setattr(process_plants, "hidden_faults", lambda *_: [hidden])
     plant = plants.fopdt()
     page = tmp_path / "page.md"
     page.write_text("<!-- process_plants:start -->\n<!-- process_plants:end -->\n")
@@ -69,7 +93,7 @@ def test_right_recordings_sit_on_the_bound_and_a_scaled_output_misses(tmp_path, 
     assert list(faults) == [fault.name for fault in FAULTS[1:]]
     assert faults["output x 1.5"]["missed"] == 1.0 and faults["offset"]["missed"] == 0.0
     assert faults["Ts x 2"]["refused_by"]["stretched"] == 12
-    assert "12 with each fault" in text
+    assert "12 with each fault" in text and "a late output (80.0 %)" in text
     assert text in (tmp_path / "process_plants.md").read_text()
     scaled = faults["output x 1.5"]
     shares = (

@@ -188,7 +188,8 @@ def figure(found: Schedule) -> Any:
     from yawrate_env.env import rendering
 
     plant, units = plant_of(found), gain_units(plant_of(found))
-    with style.context(["default", STYLE, {"figure.facecolor": "white"}]):
+    page = {"figure.facecolor": "white", "figure.constrained_layout.use": True}
+    with style.context(["default", STYLE, page]):
         picture = Figure(figsize=(6.4, 2.4 * len(plant.gains)))
         panels = picture.subplots(len(plant.gains), 1, sharex=True, squeeze=False)[:, 0]
         for axes, name in zip(panels, plant.gains, strict=True):

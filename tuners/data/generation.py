@@ -22,7 +22,7 @@ from filelock import FileLock, Timeout
 from tuners.data import manifest, shards
 from tuners.data.folder import Folder, damage
 from tuners.data.manifest import Configuration, DatasetError, Manifest, Shard
-from tuners.features import Features
+from tuners.features import Features, with_measured
 from tuners.workers import WorkersError, results
 from yawrate_env import validation
 from yawrate_env.compiled import cores
@@ -138,7 +138,7 @@ def _check_features(recipe: Configuration) -> None:
     plant = recipe.plant
     y = plant.respond(plant.middle)
     with np.errstate(all="ignore"):
-        recipe.features(plant.u[None], y, plant.Ts)
+        with_measured(recipe.features, plant.u[None], y, plant.Ts, np.empty((1, 0)))
 
 
 def _begun(

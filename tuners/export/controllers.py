@@ -78,7 +78,7 @@ def _loops(gains: Gains, Ts: float | None, limits: Any) -> list[Loop]:
 
 
 def _no_text(loops: list[Loop], gains: Gains) -> str:
-    raise ValueError(gains.refusal)
+    raise ValueError("limits: several loops go to target json without them, or to target c.")
 
 
 def _no_script(loops: list[Loop], real: str = "double") -> str:

@@ -47,6 +47,8 @@ FEATURES: dict[str, Any] = {
 }
 """First stages by the name that files and commands know."""
 
+_OF_ONE = Armax, Regularised, FrequencyResponse, PrincipalResponse  # input and output
+
 BY_NAME = "laguerre", "armax", "response"
 """Those that need no settings: what commands and agents choose from."""
 
@@ -73,6 +75,7 @@ def with_measured(
     (B,) bool
         Where the first stage succeeded.
     """
+    _check_channels(stage, u)
     values, usable = stage(u, y, Ts)
     return np.concatenate([values, measured], axis=1), usable
 
@@ -123,6 +126,7 @@ def rehearse(stage: Features, u: Array, y: Array, Ts: float) -> int:
     y : (B, N) float64
         Outputs.
     """
+    _check_channels(stage, u)
     try:
         with np.errstate(all="ignore"):
             values, usable = stage(u, y, Ts)
@@ -137,6 +141,15 @@ def rehearse(stage: Features, u: Array, y: Array, Ts: float) -> int:
             f"{len(y)} recordings. Give features (B, n), and where they are usable (B,)."
         )
     return int(np.shape(values)[1])
+
+
+def _check_channels(stage: Features, u: Array) -> None:
+    """``ValueError`` where a stage of one input and output meets inputs (1 or B, m, N)."""
+    if u.ndim == 3 and isinstance(stage, _OF_ONE):
+        raise ValueError(
+            f"features = {type(stage).__name__} are of one input and one output, and this plant "
+            "has channels. Take Laguerre, or a first stage of your own."
+        )
 
 
 def known_name(stage: Any) -> str:

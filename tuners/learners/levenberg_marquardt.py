@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _LEAST_GRADIENT = 1e-7
-
 _ROWS = 1024
-
 _MU_MAX = 1e10
 
 

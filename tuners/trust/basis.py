@@ -14,9 +14,7 @@ from yawrate_env.signals.streams import stream
 Array = NDArray[np.float64]
 
 _PLANTS, _MORE_PLANTS, _MOST_PLANTS, _POLES = 16, 64, 512, 25
-
 _SEED = 21
-
 _HIDDEN = 4.0  # of the noise's variance, where a start has some twenty unknowns
 
 

@@ -152,7 +152,7 @@ def assess(
             "implausible": make.of("implausible", implausible(plant, model.u, measured)),
         }
         if response is None:
-            metrics, spread, found = _by_fit(make, fitted, judged)
+            metrics, spread, found = _by_fit(make, fitted, judged, exact, exact_spread)
         else:
             metrics, spread, found = _by_response(make, response, judged)
         findings |= make.of_recordings(model, fitted, response, spread) | found
@@ -205,16 +205,20 @@ def _by_response(make: Findings, response: Response, judged: Judged) -> Answer:
     }  # fmt: skip
 
 
-def _by_fit(make: Findings, fitted: Fit, judged: Judged) -> Answer:
-    """Metrics, spread and findings of gains judged with the fitted plant."""
+def _by_fit(make: Findings, fitted: Fit, judged: Judged, metrics: Array, known: Array) -> Answer:
+    """Metrics, spread and findings of gains judged with the fitted plant.
+
+    Its metrics and their standard deviations (B, f), in white noise, are known already.
+    """
     plant, gains = make.plant, judged.values
     error, widths, widest = _settings(plant)
-    metrics, known = predicted(plant, fitted, gains)
-    parts, spread = np.zeros_like(known), known
+    parts, spread, moved = np.zeros_like(known), known, None
     if fitted.discrepancy is not None:
         slopes = metric_slopes(plant, fitted, gains)
         known, parts = fitted.discrepancy.spread(slopes), fitted.discrepancy.difference(slopes)
         spread = np.maximum(known, parts)
+        if fitted.sticking is not None:
+            moved = np.abs(fitted.sticking @ slopes.swapaxes(1, 2)).max(axis=1)
     off = np.abs(metrics - plant.targets(fitted.theta))
     solved = judged.solved & np.isfinite(gains).all(axis=1)
     designed = np.asarray(np.isfinite(plant.oracle(fitted.theta)).all(axis=1))
@@ -222,8 +226,10 @@ def _by_fit(make: Findings, fitted: Fit, judged: Judged) -> Answer:
     seen = (np.where(designed[:, None], each, 0.0) for each in (known, parts, spread, off))
     known, parts, widened, off = seen
     share = np.where(parts > 0, widened, 0.0) / widest
+    stuck = {} if moved is None else make.of_sticking(np.where(designed[:, None], moved, 0.0))
     return metrics, spread, {
         "parts": make.of("parts", share.max(axis=1), refusal=1.0),
+        **stuck,
         "undesigned": make.of("undesigned", np.where(designed, 0.0, 1.0)),
         **make.of_metrics("spread", known, widths, widest, _UNCERTAIN),
         **make.of_metrics("error", off, error, error, _MISSED),

@@ -72,7 +72,7 @@ class Discrepancy:
         curves : (B, e, N) float64, optional
             What curves in the actuator would add to the outputs.
         """
-        quiet = np.minimum(_unpatterned(error, oversampled), noise)[:, None, None]
+        quiet = np.minimum(unpatterned(error, oversampled), noise)[:, None, None]
         ridge = noise[:, None, None] / UNIFORM * np.eye(slopes.shape[1])
 
         def fitted(part: Callable[[Array], Array]) -> tuple[Array, Array]:
@@ -131,7 +131,7 @@ def _without(curves: Array) -> Callable[[Array], Array]:
     return lambda signals: np.asarray(signals - (signals @ Q) @ Q.swapaxes(1, 2))
 
 
-def _unpatterned(error: Array, oversampled: float) -> Array:
+def unpatterned(error: Array, oversampled: float) -> Array:
     """Power (B,) of the part of residuals (B, N) that changes between independent samples."""
     apart = int(np.ceil(oversampled))
     changes = error[:, apart:] - error[:, :-apart]

@@ -34,6 +34,7 @@ _STRONG = 0.12  # of the output: the same of a linear plant
 _BENT = 0.7  # of a metric's `error`: a bend beyond which gains are refused, a third of a miss
 _LINGERS = 0.04  # of the output: a start's response that lasts too long, beyond which is refused
 _QUIET = 0.25  # of the spread that needs no care: noise of any colour that hides nothing
+_STICKS = 0.5  # of a miss: an actuator's sticking whose size is known to about a half
 _CHANGED, _CURVED = 4.0, 3.8  # standard deviations of a change between halves, and of a bend
 
 
@@ -130,6 +131,11 @@ class Findings:
             if plant.linear and response is None:
                 findings["response"] = self.of("response", _response(plant.crossover, model, found))
         return {name: findings[name] for name in MESSAGES if name in findings}
+
+    def of_sticking(self, moved: Array) -> dict[str, Finding]:
+        """Whether an actuator that sticks would have moved metrics (B, f)."""
+        share = (moved / (MISS * self.plant.metric_setting("error"))).max(axis=1)
+        return {"sticking": self.of("sticking", share, refusal=_STICKS)}
 
     def of_feedback(
         self, functions: Laguerre, u: Array, y: Array, Ts: float, reference: Array | None

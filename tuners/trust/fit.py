@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tuners.trust.actuator_curve import actuator_curves
+from tuners.trust.actuator_memory import sticking
 from tuners.trust.black_box import BlackBox
 from tuners.trust.discrepancy import Discrepancy
 from tuners.trust.identification import (
@@ -57,6 +58,9 @@ class Fit:
         data do not determine them.
     discrepancy : Discrepancy, optional
         How far off the plants may be, where no response of the black box judges.
+    sticking : NDArray, optional
+        (B, m, q) errors of the unknown parameters under an actuator that sticks or follows late,
+        of linear plants where no response of the black box judges.
     """
 
     theta: Array
@@ -66,6 +70,7 @@ class Fit:
     noise: Array
     covariance: Array
     discrepancy: Discrepancy | None
+    sticking: Array | None = None
 
 
 def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
@@ -102,13 +107,14 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
         noise = noise * model.oversampled
     inverse, covariance = drawn_to_prior(slopes, noise)
     converged = np.where(model.unknown, settled, found.converged)
-    simulated, discrepancy = measured - error, None
+    simulated, discrepancy, stuck = measured - error, None, None
     if plant.loop_target is None:
+        stuck = sticking(plant, theta, model, error, slopes, noise, inverse)
         discrepancy = Discrepancy.of(
             error, slopes, simulated, noise, inverse, covariance, model.oversampled,
             len(plant.outputs_named), actuator_curves(plant, theta, model),
         )  # fmt: skip
-    return Fit(theta, converged, simulated, error, noise, covariance, discrepancy)
+    return Fit(theta, converged, simulated, error, noise, covariance, discrepancy, stuck)
 
 
 def left_open(found: Fit) -> NDArray[np.bool_]:

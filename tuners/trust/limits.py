@@ -42,6 +42,9 @@ class Limits:
     parts : float
         Standard deviation of a metric, over the widest that is not refused, where parts of the
         recording ask for other gains than the whole.
+    sticking : float
+        Metrics by which an actuator that sticks, has a dead band, or follows late or slowly would
+        explain the recording, over what is called a miss.
     louder : float
         Residual over the noise that the plant declares, root mean squares.
     pattern : float
@@ -70,6 +73,7 @@ class Limits:
     bend: float = 0.3
     halves: float = 1.0
     parts: float = 1 / 3
+    sticking: float = 0.25
     louder: float = 2.0
     pattern: float = 0.01
     feedback: float = 4.0
@@ -101,6 +105,8 @@ MESSAGES = {
     "something breaks. Record while all stays as it is.",
     "parts": "Parts of the recording ask for other gains than the whole: the plant is not as "
     "simulated, drifts or is disturbed, or its actuator saturates or has a curve.",
+    "sticking": "The actuator does not seem to follow the command at once: it sticks, has a dead "
+    "band, or follows late or slowly. Stroke the valve, or log its position as the input.",
     "louder": "The residual is larger than the noise that the plant declares: the sensor is "
     "noisier, or the plant is not as simulated.",
     "pattern": "The residual is not noise but has a pattern: the plant is not as simulated, drifts "

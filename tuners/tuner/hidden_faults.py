@@ -30,6 +30,7 @@ PLANTS = 48
 
 _HIDDEN = 0.03  # share of recordings that are usable without care, and miss
 _SCALED, _LATE, _SLOW, _CLIPPED, _OFFSET, _DRIFT = 1.5, 0.008, 1.1, 0.7, 0.3, 0.5
+_BAND, _STUCK, _SEED = 0.3, 0.012, 31
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +97,10 @@ def _of_channel(made: Fault, i: int, plant: Plant, given: Recording) -> Recordin
     u, y = given.u.copy(), given.y.copy()
     if made is _reversed:
         u[:, i] = whole.u[:, i]
-    elif made is _clipped:
-        clipped = given.u.copy()
-        clipped[:, i] = _at_most(given.u)[:, i]
-        assert given.known is not None
-        y = y + plant.respond(given.known, clipped) - plant.respond(given.known, given.u)
+    elif made in _ACTUATORS:
+        moved = given.u.copy()
+        moved[:, i] = _ACTUATORS[made](given.u)[:, i]
+        y = y + _difference(plant, given, moved)
     else:
         y[:, i] = whole.y[:, i]
     return replace(given, u=u, y=y)
@@ -136,17 +136,52 @@ def _reversed(plant: Plant, given: Recording) -> Recording:
     return replace(given, u=-given.u)
 
 
+def _difference(plant: Plant, given: Recording, moved: Array) -> Array:
+    """What the plants answer to positions of the actuator in place of the commands."""
+    assert given.known is not None
+    both = (plant.emulated(u).respond(given.known, u) for u in (moved, given.u))
+    actual, commanded = both
+    return np.asarray(actual - commanded)
+
+
 def _clipped(plant: Plant, given: Recording) -> Recording:
     """The plant's answer to a command of which the actuator gives only a part."""
-    assert given.known is not None
-    less = plant.respond(given.known, _at_most(given.u))
-    return replace(given, y=given.y + less - plant.respond(given.known, given.u))
+    return replace(given, y=given.y + _difference(plant, given, _at_most(given.u)))
+
+
+def _loose(plant: Plant, given: Recording) -> Recording:
+    return replace(given, y=given.y + _difference(plant, given, _within_band(given.u)))
+
+
+def _stuck(plant: Plant, given: Recording) -> Recording:
+    return replace(given, y=given.y + _difference(plant, given, _at_random(given.u)))
 
 
 def _at_most(u: Array) -> Array:
     """Inputs of an actuator that saturates."""
     most = _CLIPPED * np.abs(u).max(axis=-1, keepdims=True)
     return np.clip(u, -most, most)
+
+
+def _within_band(u: Array) -> Array:
+    """Positions of an actuator that follows once the command leaves a band around it."""
+    v, half = u.copy(), _BAND / 2 * np.ptp(u, axis=-1)
+    for k in range(1, u.shape[-1]):
+        v[..., k] = np.clip(v[..., k - 1], u[..., k] - half, u[..., k] + half)
+    return v
+
+
+def _at_random(u: Array) -> Array:
+    """Positions of an actuator that sticks for a while when the command changes."""
+    rng, v, N = np.random.default_rng(_SEED), u.copy(), u.shape[-1]
+    longest = max(round(_STUCK * N), 1)
+    for row in v.reshape(-1, N):
+        free = 0
+        for at in (np.flatnonzero(np.diff(row)) + 1).tolist():
+            if at > free:  # it has reached the command in between
+                free = at + int(rng.integers(longest + 1))
+                row[at:free] = row[at - 1]
+    return v
 
 
 def _offset(plant: Plant, given: Recording) -> Recording:
@@ -164,12 +199,19 @@ _FAULTS: dict[str, Fault] = {
     f"a sampling time off by {_SLOW - 1:.0%}": _slow,
     "an input with the wrong sign": _reversed,
     f"an actuator that gives {_CLIPPED:.0%} of the largest command at most": _clipped,
+    f"an actuator with a dead band of {_BAND:.0%} of the input's range": _loose,
+    f"an actuator that sticks for up to {_STUCK:.1%} of the recording": _stuck,
     "an offset of the output": _offset,
     "a drift of the output": _drifting,
 }
 
 
-_OF_INPUTS = _reversed, _clipped
+_ACTUATORS: dict[Fault, Callable[[Array], Array]] = {
+    _clipped: _at_most,
+    _loose: _within_band,
+    _stuck: _at_random,
+}
+_OF_INPUTS = _reversed, *_ACTUATORS
 
 
 def as_record(hidden: list[Hidden]) -> list[dict[str, Any]]:

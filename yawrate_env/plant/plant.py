@@ -15,13 +15,13 @@ from yawrate_env.plant.channels import Names, Noise
 from yawrate_env.plant.checks import check_experiment, checked
 from yawrate_env.plant.distributions import Range, Spread
 from yawrate_env.plant.emulator import Emulator
-from yawrate_env.plant.experiment import Experiment, Integers, Out, Written
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.performance import Performance
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.sensitivity import Sensitivity
 from yawrate_env.plant.sliders import Sliders
+from yawrate_env.plant.simulator import Integers, Out, Simulator, Written
 from yawrate_env.plant.suspect import Suspect
 from yawrate_env.plant.trial import try_functions
 
@@ -30,7 +30,7 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plant(Experiment, Performance):
+class Plant(Simulator, Performance):
     """A family of plants, the experiment on them, and the design rule that knows their gains.
 
     Each function is called once when a plant is described, with the parameters in the middle
@@ -158,7 +158,7 @@ class Plant(Experiment, Performance):
         For speed: ``record(theta, u, keys, out, written)``, simulation and noise in one, for inputs
         (1, N) or (B, N) and the noise streams (B, 4) of `yawrate_env.signals.noise`; where `out`
         (B, N) is not None the outputs are written there, and ``written(i, j)`` is called, from any
-        thread, once episodes i to j are.
+        thread, once episodes i to j are.  No episode may depend on which others are asked for.
     sensitivity : Sensitivity, optional
         For speed: exact slopes of the output, with which its parameters are found from one start
         instead of several; by differences if omitted.

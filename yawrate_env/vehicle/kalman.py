@@ -8,9 +8,7 @@ from yawrate_env.compiled import kernel, over_blocks
 Array = NDArray[np.float64]
 
 _DOUBLINGS = 30
-
 _CONVERGED = 1e-5  # relative, of the last but one doubling: its square is left
-
 _BLOCK = 32
 
 

@@ -18,7 +18,6 @@ from yawrate_env.loop.discretisation import DiscretePlant
 from yawrate_env.loop.loops import Loops
 from yawrate_env.plant.control_loop import ControlLoop
 from yawrate_env.plant.distributions import Range
-from yawrate_env.plant.experiment import Out, Written
 from yawrate_env.plant.metric import Metric
 from yawrate_env.plant.noise import snr
 from yawrate_env.plant.parametrisation import loop
@@ -26,6 +25,7 @@ from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.sliders import Sliders
+from yawrate_env.plant.simulator import Out, Written
 from yawrate_env.plant.suspect import Suspect
 from yawrate_env.vehicle.actuator import actuated
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond, simulated

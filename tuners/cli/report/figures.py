@@ -46,7 +46,6 @@ STYLE = {
     **rendering.STYLE,
     "font.size": 9.5,
     "axes.titlesize": 10.0,
-    "figure.dpi": POINTS,
     "figure.facecolor": "none",
     "axes.facecolor": "none",
     "svg.fonttype": "none",
@@ -223,6 +222,7 @@ def svg(picture: Figure, name: str, alternative: str = "") -> str:
     text = io.StringIO()
     with style.context(["default", STYLE, {"svg.hashsalt": name}]):
         FigureCanvasSVG(picture)
+        picture.set_dpi(POINTS)
         _fit(picture)
         picture.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     markup = text.getvalue()[text.getvalue().index("<svg") :]

@@ -39,6 +39,7 @@ CHECKS = {
     "reference": "Answer of the reference to the output, in standard deviations",
     "limited": "Share of the phase margin that is given up",
     "parts": "Spread between parts of the recording, over the widest",
+    "sticking": "Metrics moved by an actuator that sticks or lags, over a miss",
     "louder": "Residual over the noise that the plant declares",
     "pattern": "Residual with a pattern, over simulated output",
     "undesigned": "No gains for the fitted plant",

@@ -1,4 +1,4 @@
-"""The experiment on plants: how they answer an input, and what is measured of it."""
+"""Simulation of plants: their responses to inputs, and what is measured of them."""
 
 from collections.abc import Callable
 from copy import copy
@@ -21,7 +21,7 @@ Out = NDArray[np.floating] | None
 Written = Callable[[int, int], None]
 
 
-class Experiment(Parameters, Channels):
+class Simulator(Parameters, Channels):
     """What follows from the simulator and the noise: the part of a `Plant` that simulates."""
 
     __slots__ = ()
