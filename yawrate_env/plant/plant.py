@@ -20,8 +20,8 @@ from yawrate_env.plant.parametrisation import LOG, Parametrisation
 from yawrate_env.plant.performance import Performance
 from yawrate_env.plant.responses import ClosedLoop
 from yawrate_env.plant.sensitivity import Sensitivity
-from yawrate_env.plant.sliders import Sliders
 from yawrate_env.plant.simulator import Integers, Out, Simulator, Written
+from yawrate_env.plant.sliders import Sliders
 from yawrate_env.plant.suspect import Suspect
 from yawrate_env.plant.trial import try_functions
 

@@ -24,8 +24,8 @@ from yawrate_env.plant.parametrisation import loop
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, GAINS, PHASE_SCALE
 from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.responses import ClosedLoop
-from yawrate_env.plant.sliders import Sliders
 from yawrate_env.plant.simulator import Out, Written
+from yawrate_env.plant.sliders import Sliders
 from yawrate_env.plant.suspect import Suspect
 from yawrate_env.vehicle.actuator import actuated
 from yawrate_env.vehicle.episode import excitation, loops, plants, respond, simulated
