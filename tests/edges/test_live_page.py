@@ -186,6 +186,26 @@ def servo():
     return loop.plant(prior=prior, u=np.ones(300), check=False), np.array([1.4, 1.1])
 
 
+@cache
+def cart():
+    """A double integrator behind a lag, one of its plants, in the loop of a lead."""
+    loop = ControlLoop.of(
+        lambda theta: control.tf(theta[0], [theta[1], 1, 0, 0]), 0.01, Target(45, 1, 0.01),
+        ("force", "position"), controller="lead-lag", metrics=("phase_margin [deg]",),
+    )  # fmt: skip
+    prior = {"gain": (0.5, 2.0), "lag": (0.02, 0.1)}
+    plant = loop.plant(prior=prior, u=np.ones(300), integrating=True, check=False)
+    return plant, np.array([1.0, 0.05])
+
+
+ODD = {"servo": servo, "cart": cart}
+
+
+def case_of(case):
+    """A plant and one of its parameter sets."""
+    return ODD[case]() if isinstance(case, str) else loop_of(*case)
+
+
 def answered(plant, theta):
     """What the page gets for one plant with the gains of its rule."""
     result, _ = answer("ts-ff-lag-vx")
@@ -226,10 +246,11 @@ def moved(loop, model, at):
     (("simc", "2DOF"), ["PI", "PID", "PIDF", "PI-D", "2DOF"]),
     (("amigo", "PI-D"), ["PI", "PID", "PIDF", "PI-D", "2DOF"]),
     pytest.param(("ms", "PIDF"), ["PI", "PID", "PIDF", "PI-D", "2DOF"], marks=pytest.mark.slow),
-    (None, ["state feedback"]),
+    ("servo", ["state feedback"]),
+    ("cart", ["PD", "PIDF", "lead-lag"]),
 ], ids=str)  # fmt: skip
 def test_every_controllers_gains_and_margins_are_those_of_its_rule(case, kinds):
-    plant, theta = loop_of(*case) if case else servo()
+    plant, theta = case_of(case)
     loop, model = plant.design.__self__, answered(plant, theta)
     assert set(kinds) <= set(model["kinds"])
     reached = 0
@@ -261,9 +282,9 @@ console.log(JSON.stringify(positions.map((position) => {
 """
 
 
-@pytest.mark.parametrize("case", [("loop-shaping", "2DOF"), ("simc", "PI-D"), None], ids=str)
+@pytest.mark.parametrize("case", [("loop-shaping", "2DOF"), ("simc", "PI-D"), "servo"], ids=str)
 def test_steps_of_every_controller_are_the_closed_loops(case):
-    plant, theta = loop_of(*case) if case else servo()
+    plant, theta = case_of(case)
     loop, model, samples = plant.design.__self__, answered(plant, theta), 300
     kinds = list(model["kinds"])
     positions = [{"kind": kind, "margin": 60.0, "crossover": loop.target.crossover, "delay": 1,
@@ -297,9 +318,9 @@ console.log(JSON.stringify(Object.keys(model.kinds).map((kind) => {
 """
 
 
-@pytest.mark.parametrize("case", [("loop-shaping", "2DOF"), None], ids=str)
+@pytest.mark.parametrize("case", [("loop-shaping", "2DOF"), "servo"], ids=str)
 def test_copied_matlab_is_the_controller(case):
-    plant, theta = loop_of(*case) if case else servo()
+    plant, theta = case_of(case)
     loop, model = plant.design.__self__, answered(plant, theta)
     z, Ts = np.exp(1j * np.geomspace(0.01, 3.0, 30)), loop.target.Ts
     for kind, gains, text in filter(None, told(MATLAB, model)):
@@ -377,6 +398,19 @@ def test_bands_hold_the_true_responses(tuner, least, most):
     ])  # fmt: skip
     inside = np.abs(true - found[:, :, 0]) <= found[:, :, 1] + 1e-12
     assert least < inside.mean() <= most
+
+
+def test_a_rule_of_ones_own_has_no_sliders():
+    loop = cart()[0].design.__self__
+    assert (
+        loop.plant(
+            prior={"gain": (0.5, 2.0), "lag": (0.02, 0.1)},
+            u=np.ones(300),
+            check=False,
+            design=lambda theta: np.ones((len(theta), 3)),
+        ).sliders
+        is None
+    )
 
 
 def test_without_a_pi_loop_nothing_can_be_moved():

@@ -157,7 +157,7 @@ class ControlLoop:
             "metrics": self.settings,
             "parametrisation": self.parametrisation,
             "speeds": self.speeds if self.has_speeds else None,
-            "sliders": self.sliders,
+            "sliders": None if {"design", "gains"} & set(settings) else self.sliders,
             "Ts": self.Ts,
             "linear": True,
             "signals": self.signals,

@@ -36,7 +36,7 @@ A_HALF_FASTER = 8
 _STEP = 1.5 ** (1 / A_HALF_FASTER)
 _STEPS, _MANY = 18, 45  # to either side; of a weight, which goes with the square
 _OFFERED = "P", "PI", "PD", "PID", "PIDF", "PI-D", "2DOF", "lead-lag"
-_ONE = 1e-9  # how far from 1 a pole of an integrator may be
+_ONE = 1e-5  # how far from 1 rounding may take the poles of two or three integrators
 
 
 @dataclass(frozen=True, slots=True, eq=False)

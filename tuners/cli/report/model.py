@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from tuners.tuner.method import Rung
 from tuners.tuner.result import Result
 from yawrate_env.loop.controllers import CONTROLLERS
+from yawrate_env.loop.state_feedback import STATE_FEEDBACK
 from yawrate_env.loop.transfer_function import TransferFunction
 from yawrate_env.plant.responses import OpenLoop
 from yawrate_env.plant.sliders import Choice, Sliders
@@ -84,7 +85,7 @@ def _sliders(result: Result) -> Sliders | None:
     aimed = plant.parametrisation.target
     if not plant.linear or plant.loop is None or (aimed and aimed.controller != "pi"):
         return None
-    if plant.sliders is not None:
+    if plant.sliders is not None and plant.controller in (*CONTROLLERS, STATE_FEEDBACK, ""):
         if result.rung >= Rung.BLACK_BOX:  # rule R alone, and nothing tells the poles
             middle = np.array([(low + high) / 2 for low, high in plant.prior.values()])
             return replace(plant.sliders(middle), unstable=None, integrators=None)

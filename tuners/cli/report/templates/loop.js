@@ -100,10 +100,14 @@ const Loop = (() => {
   }
   const ratio = ([a, b], [c, d]) => { const size = c * c + d * d; return [(a * c + b * d) / size, (b * c - a * d) / size]; };
 
+  function deltaOf(omega, Ts) {
+    const half = Math.sin(omega * Ts / 2);
+    return [-2 * half * half / Ts, Math.sin(omega * Ts) / Ts];
+  }
+
   /* The loop, L = sum N_i/D S_i. */
   function loop(model, C, omega, delay) {
-    const half = Math.sin(omega * model.Ts / 2);
-    const delta = [-2 * half * half / model.Ts, Math.sin(omega * model.Ts) / model.Ts];
+    const delta = deltaOf(omega, model.Ts);
     const fed = model.seen.reduce(([re, im], seen, i) => {
       const [x, y] = times(value(C.seen[i], delta), polar(...response(model, seen, omega, delay)));
       return [re + x, im + y];
@@ -148,9 +152,9 @@ const Loop = (() => {
   function margins(model, C, delay) {
     const {omega} = model, L = (w) => loop(model, C, w, delay), values = overOmega(model, C, delay);
     let crossover = NaN, turn = NaN, gain = Infinity;
-    for (let i = omega.length - 2; i >= 0 && Number.isNaN(crossover); i--) {
-      if (logarithm(values[i]) >= 0 && logarithm(values[i + 1]) < 0) crossover = root((w) => logarithm(L(w)), omega[i], omega[i + 1]);
-    }
+    let above = omega.length - 1;  // the highest frequency of magnitude 1 or more
+    while (above >= 0 && logarithm(values[above]) < 0) above--;
+    if (above >= 0 && above < omega.length - 1) crossover = root((w) => logarithm(L(w)), omega[above], omega[above + 1]);
     for (let i = 0, last = omega.length - 1; i < last; i++) {
       const [one, next] = [values[i], values[i + 1]], crosses = (one[1] < 0) !== (next[1] < 0);
       if ((one[0] > 0 && next[0] > 0) || !(crosses || i + 1 === last)) continue;
@@ -261,13 +265,16 @@ const Loop = (() => {
 
   /* Whether the loop is stable: 1 + L turns by half a turn for each unstable pole of the open loop
      and a quarter for each integrator (Nyquist), where these are known, and the step stays small.
-     What the lowest frequency leaves out is less than the last quarter. */
+     Below the lowest frequency the controller turns it as its integrator lets go; what the plant
+     does there is less than the last three eighths of a turn. */
   function stable(model, C, found, {step}) {
     const late = step.subarray(Math.floor(0.75 * step.length));
     if (!late.every((value) => Math.abs(value) < 10)) return false;
     if (model.unstable == null) return found.phaseMargin > 0 && found.gainMargin > 0;
-    const last = C.denominator.length - 1, integrators = model.integrators + (last > 0 && C.denominator[last] === 0);
-    return found.turns > Math.PI * (model.unstable + integrators / 2 - 0.75);
+    const last = C.denominator.length - 1, own = last > 0 && C.denominator[last] === 0 ? 1 : 0;
+    const delta = deltaOf(model.omega[0], model.Ts);
+    const below = own * (angle(ratio(value(C.seen[0], delta), value(C.denominator, delta))) + Math.PI / 2);
+    return found.turns + below > Math.PI * (model.unstable + (model.integrators + own) / 2 - 0.75);
   }
 
   return {...Controllers, bode, design, deviations, halfWidths, loop, margins, overOmega, responses, spread, stable};
