@@ -73,6 +73,8 @@ results: reproduce accuracy robustness closed-loops ## everything in results/: a
 	@$(BIN)/python scripts/process_plants.py --plant sopdt --faulty 0 --readme docs/plants.md
 	@$(BIN)/python scripts/process_plants.py --plant sopdt --as "sopdt, PIDF" --faulty 0 \
 		--arguments '{"controller": "PIDF"}' --readme docs/plants.md
+	@$(BIN)/python scripts/process_plants.py --plant examples/plants/wide_lag.py --corners 500 \
+		--readme docs/plants.md
 	@echo "==> scripts/channels.py, scripts/make_gallery.py"
 	@$(BIN)/python scripts/channels.py examples/plants/wood_berry.py --readme docs/plants.md
 	@$(BIN)/python scripts/make_gallery.py

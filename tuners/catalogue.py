@@ -34,6 +34,7 @@ from tuners.tuner.simulations import of_others, shown, simulating, slowness
 from tuners.tuner.stages import Recipe, Stages
 from tuners.tuner.training import (
     CALIBRATION,
+    LEAST_PLANTS,
     begin,
     check_calibration,
     expected,
@@ -168,7 +169,9 @@ def train(
             raise ValueError("plant is given twice. Leave one out, or give a recipe first.")
         plant, known = find(what), "two-stage"
         calibration = CALIBRATION if calibration is None else calibration
-        sizes = replace(sizes, plants=episodes or sizes.plants)
+        if episodes is not None:
+            validation.count("episodes", episodes, at_least=LEAST_PLANTS, remedy="Simulate more.")
+            sizes = replace(sizes, plants=episodes)
     else:
         if sizes.given or alone:
             what_of = "sizes" if sizes.given else "alone"

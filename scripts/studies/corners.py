@@ -18,6 +18,7 @@ from studies.process_plants import accuracy
 from studies.process_recordings import FAULTS
 from studies.readme import updated
 from tuners import Tuner
+from tuners.cli.train import recipe_table
 from yawrate_env.files import write_text
 from yawrate_env.plant.episodes import parameters
 from yawrate_env.plant.names import split
@@ -74,8 +75,7 @@ def write(
     found[name] = {
         "seed": seed,
         "answers": tuner.training.get("answers"),
-        "against_bound": tuner.training.get("against_bound"),
-        "search": tuner.training.get("search"),
+        "recipes": recipe_table(tuner),
         "parts": measured(tuner, count, seed),
     }
     write_text(path, json.dumps(found, indent=1) + "\n")
@@ -105,12 +105,7 @@ def section(found: Mapping[str, Any]) -> str:
     who = {"FITTED_PLANT": "the step on the fitted plant", "METHOD": "the learner"}
     said = f"{rows[0]['recordings']} recordings each, seed {found['seed']}; metrics: {metrics}. "
     said += f"Answered by {who.get(found['answers'], 'the tuner')}."
-    if beside := found["against_bound"]:
-        both = (
-            f"{words} {' / '.join(f'{r:.2f}' for r in beside[key]['ratio'].values())}, and in the "
-            f"worst quarter of the plants by bound "
-            f"{' / '.join(f'{r:.2f}' for r in beside[key]['quarter'].values())}"
-            for key, words in (("learner", "the learner alone"), ("fitted_plant", "the step"))
-        )
-        said += f" On all of the prior, in training: {'; '.join(both)} times the bound."
-    return f"{table(heads, lines).strip()}\n\n{said}"
+    pieces = [table(heads, lines).strip(), said]
+    if found["recipes"]:
+        pieces.append("\n".join(["```text", *found["recipes"], "```"]))
+    return "\n\n".join(pieces)

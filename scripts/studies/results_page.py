@@ -114,6 +114,7 @@ _OTHERS = {
     "log_files.md": "what becomes of thousands of damaged log files",
     "recalibration.md": "gains kept right while friction changes, from never to the oracle",
     "process_plants.md": "plants with dead time, on recordings by SciPy, right and faulty",
+    "corners.md": "a wide prior, corner by corner",
     "channels.md": "a plant with two inputs and two outputs",
     "plants.md": "the examples of `docs/plants.md`",
     "nonlinear.md": "what a linear twin costs when the tyres saturate",

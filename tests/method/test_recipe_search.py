@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from first_order import described, simulate
 from first_order import plant as lag
+from slow_plant import calls
+from slow_plant import plant as slow
 
 import tuners
 from tuners.cli.train import recipe_table
 from tuners.tuner import recipe_search
 from tuners.tuner.against_bound import ENOUGH, Errors, Judged
-from tuners.tuner.recipe_search import GROWTH
-from tuners.tuner.recipes import Candidate, Sizes, recipe_for, sizes_of
+from tuners.tuner.recipe_search import GROWTH, Search
+from tuners.tuner.recipes import USUAL, Candidate, Sizes, recipe_for, sizes_of
 from tuners.tuner.remedy import remedy
 from yawrate_env.plant.distributions import LogRange
 from yawrate_env.plant.episodes import sample
@@ -163,3 +165,42 @@ def test_a_remedy_tells_how_many_plants_the_pilots_trend_asks_for():
     assert "--episodes 10000" in said
     assert "plants" not in remedy(lag, even, grown(1.5, 1.5))
     assert "random" in remedy(described(simulate=rough), even, grown(2.0, 1.5))
+
+
+def test_a_slow_plant_gets_no_more_plants_than_its_simulations_allow():
+    usual = recipe_for(slow)
+    for before, after in ((1000, 2000), (4500, 4500)):
+        search = Search(recipe_for, USUAL, replace(usual, episodes=before), 0, 500)
+        assert search._larger(slow, USUAL, 1.5, 2).episodes == after
+
+
+class Killed(Exception):
+    """Ends a training."""
+
+
+@pytest.mark.slow
+def test_a_search_on_a_slow_plant_is_the_same_killed_or_not_for_any_workers(
+    small, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("tuners.tuner.recipes.plants_for", lambda plant: 128)
+    monkeypatch.setattr("tuners.catalogue.plants_for", lambda plant: 128)
+
+    def trained(name, workers):
+        tuner = tuners.train(slow, calibration=60, alone=True, workers=workers,
+                             checkpoint=tmp_path / name, progress=lambda *_: None)  # fmt: skip
+        tuner.save(tmp_path / f"{name}.tuner")
+        assert any(row["stage"] == "grown" for row in tuner.training["search"]["tried"])
+        return (tmp_path / f"{name}.tuner").read_bytes()
+
+    monkeypatch.setattr(recipe_search, "ENOUGH", 0.5)  # so that it is searched
+    calls.clear()
+    whole = trained("whole", 1)
+    first = len(calls)
+    # 640 of steps, 256 to judge with at up to 5 each, 128 to check with; and 128, 256, 512 to learn
+    # from, 128 held out.
+    assert first < 3000
+    with monkeypatch.context() as patch:
+        patch.setattr(recipe_search, "fit", lambda *_, **__: (_ for _ in ()).throw(Killed))
+        with pytest.raises(Killed):
+            trained("killed", 2)
+    assert trained("killed", 2) == whole

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tuners
-from studies import process_plants
+from studies import corners, process_plants
 from studies.process_recordings import (
     FAULTS,
     Fault,
@@ -100,3 +100,32 @@ def test_right_recordings_sit_on_the_bound_and_a_scaled_output_misses(tmp_path, 
         f"{100 * scaled['usable_and_missed']:.1f} % ({100 * scaled['with_care_and_missed']:.1f} %)"
     )
     assert f"| output x 1.5 | {shares} |" in page.read_text()
+
+
+WIDE = {"K": {"log": [0.1, 10.0]}, "T": {"log": [5.0, 50.0]}, "L": 4.0}
+
+
+def test_corners_are_the_outermost_tenths_in_the_priors_own_distribution():
+    plant = plants.fopdt(**WIDE)
+    shares = dict(corners.parts(plant))
+    assert list(shares) == [
+        "K low, T low", "K low, T high", "K high, T low", "K high, T high", "middle",
+    ]  # fmt: skip
+    theta = corners.drawn(plant, shares["K low, T high"], 200, 0)
+    tenth = np.log10(theta[:, 0]) + 1  # of two decades
+    assert 0 <= tenth.min() < 0.02 and 0.18 < tenth.max() <= 0.2
+    assert theta[:, 1].min() >= 5.0 * 10**0.9 and theta[:, 1].max() <= 50.0
+    assert (theta[:, 2] == 4.0).all()
+    middle = np.log10(corners.drawn(plant, shares["middle"], 200, 0)[:, 0])
+    assert -0.5 <= middle.min() and middle.max() <= 0.5
+
+
+def test_the_gray_box_is_on_the_bound_in_every_corner(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("<!-- corners:start -->\n<!-- corners:end -->\n")
+    tuner = tuners.load("gb", plants.fopdt(**WIDE, experiment={"noise": 0.01}))
+    text = corners.write(tuner, "wide", tmp_path, 60, 0, page)
+    rows = json.loads((tmp_path / "corners.json").read_text())["wide"]["parts"]
+    # The standard error of a ratio of 60 recordings is 9 %.
+    assert max(max(row["over_bound"].values()) for row in rows) < 1.4
+    assert text in page.read_text() and text in (tmp_path / "corners.md").read_text()
