@@ -46,7 +46,8 @@ def run(
 ) -> str:
     """Train, compare and write; returns the plant's section of the page."""
     validation.count("test", test, at_least=20, remedy="Compare on more episodes.")
-    plant.check_single("pictures of this study have", "Use scripts/channels.py.")
+    if plant.channels is not None:
+        raise ValueError("plant: this study draws one input and output. Use scripts/channels.py.")
     started = time.perf_counter()
     tuner = train(plant, episodes=count, seed=seed, progress=progress)
     trained = time.perf_counter()

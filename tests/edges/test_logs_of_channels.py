@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from command import call
 from pages import check_whole
+from recordings import ROOT
 from two_by_two import TS, N, plant
 
 import tuners
@@ -92,6 +93,9 @@ def test_the_command_writes_the_inputs_and_answers_a_log(tmp_path, recording):
     assert answer["gains"] == pytest.approx(right.gains, rel=1e-6)
     status, out, _ = call(*given, "--report", tmp_path / "r.html")
     assert status == 0 and "reflux" in out and "steam" in out
-    fitted = json.loads(call("tune", log, "--plant", tmp_path / "two.toml", "--json")[1])
-    assert fitted | {"tuner": answer["tuner"]} == answer
+    for plant_file in (tmp_path / "two.toml", ROOT / "tests" / "two_by_two.py"):
+        fitted = json.loads(call("tune", log, "--plant", plant_file, "--json")[1])
+        assert fitted | {"tuner": answer["tuner"]} == answer
+    status, _, err = call("check", log, "--plant", plant_file, "--kp", 1, "--Ti", 2)
+    assert status == 2 and "--plant" in err
     check_whole((tmp_path / "r.html").read_text(), pictures=2 + 2 * 3)

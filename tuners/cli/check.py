@@ -18,7 +18,7 @@ from tuners.cli.log_options import log_options
 from tuners.logs import Log, Options, SelectionError, read_log
 from tuners.recalibration.achieved import Achieved, Agreement, achieved
 from tuners.recalibration.watch import Watch
-from yawrate_env.plant.entry import from_toml
+from yawrate_env.plant.entry import from_file
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
 from yawrate_env.vehicle.task import Task
@@ -81,8 +81,13 @@ def command(
 
 def _plant(file: Path | None) -> tuple[Plant, Task | None]:
     """The plant of a file, and its task if it is a vehicle."""
-    other = None if file is None else from_toml(file)
+    other = None if file is None else from_file(file)
     if other is not None:
+        if other.loop_target is None:
+            raise click.UsageError(
+                f"--plant {file}: phase margin and crossover are compared, and this plant has no "
+                "target of one PI loop. Leave it out, or give another plant."
+            )
         return other, None
     task = task_of(file)
     return yaw_rate(task, check=False), task

@@ -16,16 +16,14 @@ def plant_from(file: Path | None) -> Plant:
 
     Of a Python file it is what is called ``plant`` there.
     """
-    from yawrate_env.plant.entry import find, from_toml
+    from yawrate_env.plant.entry import from_file
     from yawrate_env.vehicle import vehicle_file
     from yawrate_env.vehicle.task import Task
     from yawrate_env.vehicle.yaw_rate import yaw_rate
 
     if file is None:
         return yaw_rate(Task())
-    if file.suffix == ".py":
-        return find(f"{file.stem}:plant", file.parent)
-    return from_toml(file) or yaw_rate(vehicle_file.read(file))
+    return from_file(file) or yaw_rate(vehicle_file.read(file))
 
 
 def load_tuner(name: str, plant: Plant | None = None) -> "Tuner":

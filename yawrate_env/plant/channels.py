@@ -91,11 +91,6 @@ class Channels:
         """PI loops by name, to their input and output (`loops_of`)."""
         return loops_of(self.gains, self.inputs_named, self.outputs_named)
 
-    def check_single(self, what: str, instead: str) -> None:
-        """``ValueError`` where a plant with several channels meets what knows one of each."""
-        if self.channels is not None:
-            raise ValueError(f"plant: {what} one input and one output. {instead}")
-
     def stacked(self, y: Array) -> Array:
         """Outputs (B, q, N) as (B, q N); those of one output, and stacked ones, stay so."""
         return y if y.ndim == 2 else (self.weights * y).reshape(len(y), -1)

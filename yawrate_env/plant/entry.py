@@ -130,6 +130,11 @@ def home(plant: Plant) -> Path | None:
     return Path(file).resolve().parents[depth] if file else None
 
 
+def from_file(path: Path) -> Plant | None:
+    """The plant called ``plant`` in a Python file, or that a TOML file names (`from_toml`)."""
+    return find(f"{path.stem}:plant", path.parent) if path.suffix == ".py" else from_toml(path)
+
+
 def from_toml(path: Path) -> Plant | None:
     """The plant that a TOML file names, found beside the file; None where it names none."""
     import msgspec
