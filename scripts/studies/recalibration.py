@@ -1,33 +1,38 @@
-"""Ways to keep gains right while driving, on the same drives: a ladder from never to the oracle.
-
-A rung chooses the gains of every window before it is driven; all but `oracle` see only windows that
-are over, and the speed.
-"""
+"""Ways to keep gains right while driving, on the same drives, and what the filters do not know."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.recalibration_faults import FAULTS, Fault
+from studies.recalibration_rungs import (
+    Alone,
+    Banked,
+    Bound,
+    Filtered,
+    Late,
+    Never,
+    Oracle,
+    Rung,
+    Scheduled,
+    TunedAlone,
+)
 from tuners.catalogue import load
-from tuners.recalibration.belief import Belief
+from tuners.recalibration.bank import Bank
+from tuners.recalibration.doubt import ORDER, Doubt
 from tuners.recalibration.follower import Follower
-from tuners.trust.verdict import Verdict, worst
-from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner
 from yawrate_env.compiled import cores
 from yawrate_env.env.recalibration_env import PIRecalibrationVectorEnv
 from yawrate_env.env.recalibration_interface import RecalibrationInterface
 from yawrate_env.signals.streams import stream
 from yawrate_env.vehicle.drive import drive
-from yawrate_env.vehicle.drive_conditions import START_INTEGERS, WINDOW_INTEGERS, Conditions, Window
-from yawrate_env.vehicle.drive_estimate import encode
-from yawrate_env.vehicle.drive_information import Predictor
-from yawrate_env.vehicle.drives import Course, Driven, Drives
-from yawrate_env.vehicle.single_track import Vehicle
+from yawrate_env.vehicle.drive_conditions import START_INTEGERS, WINDOW_INTEGERS
+from yawrate_env.vehicle.drives import Course, Drives
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -35,166 +40,8 @@ Progress = Callable[[str, int, int], Any]
 
 _SETS = {"test": 60, "train": 61}
 _RESAMPLES = 1000
-
-
-class Rung(Protocol):
-    """A way to choose gains; one object drives one batch."""
-
-    def gains(self, course: Course, coming: Window) -> Array:
-        """Gains (B, 2) for the windows to come."""
-
-    def learn(self, before: Course, driven: Driven) -> None:
-        """Take note of windows that are over."""
-
-
-@dataclass(slots=True, eq=False)
-class Never:
-    """The gains that were right at the start."""
-
-    drives: Drives
-    start: Course
-
-    def gains(self, course: Course, coming: Window) -> Array:
-        """Those."""
-        return self.start.gains
-
-    def learn(self, before: Course, driven: Driven) -> None:
-        """Nothing."""
-
-
-@dataclass(slots=True, eq=False)
-class Scheduled(Never):
-    """The gains over speed that were right for friction and load at the start."""
-
-    def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come."""
-        return _at_speed(self.drives, self.start.theta, coming)
-
-
-@dataclass(slots=True, eq=False)
-class Late(Never):
-    """Knows friction and load of the last window: what no one can do better who cannot foresee."""
-
-    def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come."""
-        return _at_speed(self.drives, course.theta, coming)
-
-
-@dataclass(slots=True, eq=False)
-class Oracle(Never):
-    """Knows the vehicle of the window to come."""
-
-    def gains(self, course: Course, coming: Window) -> Array:
-        """The design rule's."""
-        return self.drives.designed(coming.theta)
-
-
-@dataclass(slots=True, eq=False)
-class Alone(Never):
-    """The design rule at the last window's own estimate, with the prior."""
-
-    seen: bool = False
-
-    def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come; before the first window those of the start."""
-        if not self.seen:
-            return self.start.gains
-        theta = self.drives.estimator.theta(course.start, coming.theta[:, 2])
-        return self.drives.designed(theta)
-
-    def learn(self, before: Course, driven: Driven) -> None:
-        """The course carries the estimate."""
-        self.seen = True
-
-
-@dataclass(slots=True, eq=False)
-class Filtered:
-    """The design rule at the filter's estimate, which starts from what is known at the start."""
-
-    follower: Follower
-    belief: Belief
-
-    def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come."""
-        return self.follower.gains(self.belief, coming.theta[:, 2])
-
-    def learn(self, before: Course, driven: Driven) -> None:
-        """One step of the filter."""
-        self.belief = self.follower.followed(self.belief, driven.estimate)
-
-
-@dataclass(slots=True, eq=False)
-class Bound:
-    """Estimates as good as the recursive information bound allows (Tichavsky et al., 1998).
-
-    Information follows ``J+ = (J^-1 + Q)^-1 + F`` with the walk's covariance Q and the windows'
-    information F at the truth; jumps are told after their window.  Gains are those of the design
-    rule at the last window's vehicle with an error of covariance J^-1.
-    """
-
-    drives: Drives
-    J: Array
-    seed: int
-
-    def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come."""
-        self.seed += 1
-        draws = np.random.default_rng(self.seed).standard_normal((len(course), 2, 1))
-        error = (np.linalg.cholesky(np.linalg.inv(self.J)) @ draws)[..., 0]
-        z = self.drives.estimator.inside(encode(course.theta, self.drives.vehicle) + error)
-        return self.drives.designed(self.drives.estimator.theta(z, coming.theta[:, 2]))
-
-    def learn(self, before: Course, driven: Driven) -> None:
-        """One step of the recursion."""
-        estimator, given = self.drives.estimator, self.drives.conditions
-        predictor = Predictor.of(estimator.vehicle, driven.theta, estimator.noise, estimator.Ts)
-        gram, _ = predictor.gram(driven.u, driven.y, before.predicted)
-        P = np.linalg.inv(self.J)
-        P[:, 0, 0] += (given.walk_rms[0] / driven.theta[:, 0]) ** 2
-        jumped = np.abs(driven.theta[:, 0] - before.theta[:, 0]) > 6 * given.walk_rms[0]
-        P[jumped, 0], P[jumped, :, 0] = 0.0, 0.0
-        P[jumped, 0, 0] = estimator.prior.variance[0]
-        self.J = np.linalg.inv(P) + gram[:, 1:, 1:]
-
-
-@dataclass(slots=True, eq=False)
-class TunedAlone(Never):
-    """A tuner's answer to the last window; the gains stay where it has none, or refuses.
-
-    Parameters
-    ----------
-    referenced : bool
-        Whether it is told the loop's reference.
-    heeded : bool
-        Whether gains that it refuses are left out.
-    """
-
-    tuner: Tuner
-    referenced: bool
-    heeded: bool
-    found: Array | None = None
-
-    def gains(self, course: Course, coming: Window) -> Array:
-        """As they were found."""
-        return self.start.gains if self.found is None else self.found
-
-    def learn(self, before: Course, driven: Driven) -> None:
-        """Tune from command and yaw rate."""
-        plant = self.tuner.plant
-        known = np.full((len(driven), len(plant.prior)), np.nan)
-        known[:, plant.indices(("v_x",))] = driven.theta[:, 2:]
-        reference = driven.reference if self.referenced else None
-        Ts = self.drives.target.Ts
-        recording = Recording(driven.u, driven.y, Ts, known, reference=reference)
-        with np.errstate(all="ignore"):
-            answer, assessment = self.tuner.assess(recording)
-        usable = np.asarray(np.isfinite(answer.values).all(axis=1))
-        if self.heeded:
-            verdicts = [
-                worst([c.verdict for c in assessment.checks(i)]) for i in range(len(driven))
-            ]
-            usable &= np.array([verdict is not Verdict.REFUSE for verdict in verdicts])
-        self.found = np.where(usable[:, None], answer.values, driven.gains)
+_JUMP = 6.0  # deviations of the walk
+_MISSED = 3.0, 0.15  # deg, Hz
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,30 +59,37 @@ class Ride:
         (D, T) loops that became so.
     cost : NDArray
         (D, T) of ``yawrate/PIRecalibration-v0``.
+    jumped : NDArray
+        (D, T) windows before which friction jumped.
     """
 
     errors: Array
     rewards: Array
     unstable: NDArray[np.bool_]
     cost: Array
-
-
-def _at_speed(drives: Drives, theta: Array, coming: Window) -> Array:
-    """Gains for friction and load of some vehicles (B, 3) at the speeds to come."""
-    return drives.designed(np.column_stack([theta[:, :2], coming.theta[:, 2]]))
+    jumped: NDArray[np.bool_]
 
 
 def ladder(drives: Drives, start: Course) -> dict[str, Rung]:
     """Rungs from never to the oracle, for drives that start here."""
-    follower, certain = Follower.of(drives), np.tile(1e8 * np.eye(2), (len(start), 1, 1))
+    certain = np.tile(1e8 * np.eye(2), (len(start), 1, 1))
     return {
         "never re-tune": Never(drives, start),
         "never, scheduled over speed": Scheduled(drives, start),
         "every window alone, with the prior": Alone(drives, start),
-        "filter": Filtered(follower, follower.known(start.theta)),
+        **filters(drives, start),
         "information bound": Bound(drives, certain, 0),
         "one window late": Late(drives, start),
         "oracle": Oracle(drives, start),
+    }
+
+
+def filters(assumed: Drives, start: Course) -> dict[str, Rung]:
+    """The bank, and the filter that it has as one hypothesis, of cars known at the start."""
+    bank, follower = Bank.of(assumed), Follower.of(assumed)
+    return {
+        "filter, data as exact": Filtered.of(follower, start),
+        "filter": Banked(bank, bank.known(start.theta)),
     }
 
 
@@ -258,20 +112,28 @@ def begun(drives: Drives, seed: int, count: int, name: str = "test") -> Course:
 
 
 def ride(
-    interface: RecalibrationInterface, rung: Rung, start: Course, seed: int, name: str = "test"
+    interface: RecalibrationInterface,
+    rung: Rung,
+    start: Course,
+    seed: int,
+    name: str = "test",
+    fault: Fault | None = None,
 ) -> Ride:
     """Drive all windows; an unstable loop ends its drive."""
-    drives, count, T = interface.drives, len(start), interface.windows
+    fault, count, T = fault or Fault(), len(start), interface.windows
     errors = np.full((count, T, 2), np.nan)
     rewards, cost = np.zeros((count, T)), np.zeros((count, T))
-    unstable = np.zeros((count, T), np.bool_)
+    unstable, jumped = np.zeros((2, count, T), np.bool_)
     course, alive = start, np.ones(count, np.bool_)
     for t in range(T):
         drawn = stream((_SETS[name], seed, 1 + t), 0, count, WINDOW_INTEGERS)
-        coming = drives.coming(course, drawn)
+        drives, course = fault.drives(interface.drives, t), fault.course(course, t)
+        coming = fault.window(drives.coming(course, drawn))
         gains = rung.gains(course, coming)
         gains = np.where(np.isfinite(gains).all(axis=1, keepdims=True), gains, course.gains)
         changed = (gains != course.gains).any(axis=1)
+        far = np.abs(coming.theta[:, 0] - course.theta[:, 0])
+        jumped[:, t] = far > _JUMP * drives.conditions.walk_rms[0]
         after, driven = drives.window(course, coming, gains)
         rung.learn(course, driven)
         reward, info = interface.outcome(driven, changed)
@@ -280,7 +142,7 @@ def ride(
         unstable[:, t] = alive & ~driven.stable
         alive &= driven.stable
         course = after
-    return Ride(errors, rewards, unstable, cost)
+    return Ride(errors, rewards, unstable, cost, jumped)
 
 
 def row(name: str, ride: Ride, seed: int = 0) -> Row:
@@ -302,29 +164,6 @@ def row(name: str, ride: Ride, seed: int = 0) -> Row:
     return found
 
 
-FAULTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
-    "as assumed": ({}, {}),
-    "no disturbance": ({"disturbance": 0.0}, {}),
-    "disturbance × 2": ({"disturbance": float(np.radians(0.1))}, {}),
-    "disturbance 5 times faster": ({"disturbance_time": 0.03}, {}),
-    "disturbance 4 times slower": ({"disturbance_time": 0.6}, {}),
-    "gyro noise × 2": ({"noise": float(np.radians(0.2))}, {}),
-    "gyro noise × 0.5": ({"noise": float(np.radians(0.05))}, {}),
-    "yaw inertia + 10 %": ({}, {"J_z": 1.1 * Vehicle().J_z}),
-    "front stiffness − 10 %": ({}, {"C_f": 0.9 * Vehicle().C_f}),
-    "actuator bandwidth − 10 %": ({}, {"omega_n": 0.9 * Vehicle().omega_n}),
-}
-"""What the filter does not know: conditions, and constants of the vehicle."""
-
-
-def faulty(fault: str) -> tuple[Drives, Drives]:
-    """Drives as they are, read by the estimator of drives as they are assumed; and those."""
-    conditions, constants = FAULTS[fault]
-    assumed = Drives.of()
-    true = Drives.of(replace(Vehicle(), **constants), replace(Conditions(), **conditions))
-    return replace(true, estimator=assumed.estimator), assumed
-
-
 def interface(drives: Drives) -> RecalibrationInterface:
     """Of ``yawrate/PIRecalibration-v0`` with its default settings."""
     return RecalibrationInterface.of(drives, windows=50, price=0.01, probing=0.0, comfort=0.0)
@@ -337,8 +176,8 @@ def study(
     names: Sequence[str],
     progress: Callable[[str, int, int], Any],
 ) -> Row:
-    """The ladder, that of tuners on fewer drives, and the filter under faults."""
-    usual, rows, faults = interface(Drives.of()), [], []
+    """The ladder, and that of tuners on fewer drives."""
+    usual, rows = interface(Drives.of()), []
     start, few = (begun(usual.drives, seed, count) for count in (drives, tuned))
     few_kept = "never re-tune, on the tuners' drives"
     rungs: list[tuple[str, Rung, Course]] = [
@@ -350,19 +189,65 @@ def study(
     for done, (name, rung, at) in enumerate(rungs, 1):
         rows.append(row(name, ride(usual, rung, at, seed)))
         progress("ladder", done, len(rungs))
-    for done, fault in enumerate(FAULTS, 1):
-        faults.append({"fault": fault, **under(fault, max(drives // 4, 1), seed)})
+    return {"seed": seed, "rows": rows}
+
+
+def renewed(rows: Sequence[Row], drives: int, seed: int) -> list[Row]:
+    """Rows of which those of the filters are ridden again."""
+    usual = interface(Drives.of())
+    start = begun(usual.drives, seed, drives)
+    found = {name: row(name, ride(usual, rung, start, seed))
+             for name, rung in filters(usual.drives, start).items()}  # fmt: skip
+    others = [each for each in rows if each["rung"] not in found]
+    at = next(i for i, each in enumerate(others) if each["rung"] == "information bound")
+    return [*others[:at], *found.values(), *others[at:]]
+
+
+def trust(ride: Ride, doubts: Sequence[Doubt]) -> Row:
+    """Verdicts, and how they and the intervals hold, in windows before which nothing jumped.
+
+    The first window does not count: nothing has been seen before it.
+    """
+    verdict = np.stack([each.verdict for each in doubts], axis=1)
+    half = np.stack([each.half for each in doubts], axis=1)
+    counts = ~ride.jumped
+    counts[:, 0] = False
+    off = np.where(np.isfinite(ride.errors), np.abs(ride.errors), np.inf)
+    wrong = np.asarray((off > _MISSED).any(axis=2))
+    share = {each.value: float((verdict == i)[counts].mean()) for i, each in enumerate(ORDER)}
+    usable = counts & (verdict == 0)
+    return {
+        **share,
+        "wrong": int((usable & wrong).sum()),
+        "of": int(usable.sum()),
+        "missed": float(wrong[counts].mean()),
+        "coverage": (off <= half)[counts].mean(axis=0).tolist(),
+        "half": np.median(half[counts], axis=0).tolist(),
+    }
+
+
+def faults(count: int, seed: int, progress: Progress) -> list[Row]:
+    """The filters where their assumptions are wrong."""
+    found = []
+    for done, name in enumerate(FAULTS, 1):
+        found.append({"fault": name, **under(FAULTS[name], count, seed)})
         progress("faults", done, len(FAULTS))
-    return {"seed": seed, "rows": rows, "faults": faults}
+    return found
 
 
-def under(fault: str, count: int, seed: int) -> Row:
-    """Never re-tuning and the filter where the filter's assumptions are wrong."""
-    true, assumed = faulty(fault)
-    start, usual, follower = begun(true, seed, count), interface(true), Follower.of(assumed)
+def under(fault: Fault, count: int, seed: int) -> Row:
+    """Never re-tuning and the filters in drives with a fault."""
+    assumed = Drives.of()
+    true = fault.of(assumed)
+    start, usual = begun(true, seed, count), interface(true)
+    bank = Bank.of(assumed)
+    banked = Banked(bank, bank.known(start.theta))
     rungs: dict[str, Rung] = {"never": Never(true, start), "scheduled": Scheduled(true, start),
-             "filter": Filtered(follower, follower.known(start.theta))}  # fmt: skip
-    return {name: row(name, ride(usual, rung, start, seed)) for name, rung in rungs.items()}
+                              **filters(assumed, start), "filter": banked}  # fmt: skip
+    rides = {name: ride(usual, rung, start, seed, fault=fault) for name, rung in rungs.items()}
+    found: Row = {name: row(name, each) for name, each in rides.items()}
+    found["trust"] = trust(rides["filter"], banked.doubts)
+    return found
 
 
 def speed(batch: int, rounds: int) -> Row:

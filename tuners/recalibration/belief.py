@@ -17,6 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yawrate_env.compiled import kernel
+
 Array = NDArray[np.float64]
 
 
@@ -78,24 +80,82 @@ class Motion:
 
 def follow(belief: Belief, motion: Motion, F: Array, i: Array) -> Belief:
     """The belief after one more window with information F (B, q, q), and i = F z (B, q)."""
+    return weighed(belief, motion, F, i)[0]
+
+
+def weighed(belief: Belief, motion: Motion, F: Array, i: Array) -> tuple[Belief, Array]:
+    """`follow`, and the logarithm (B,) of the evidence but for what all beliefs share."""
     walked = motion.walked(belief)
     stay, log_stay = _updated(walked, F, i)
     moved, log_moved = _updated(motion.forgotten(walked), F, i)
-    odds = np.log(motion.jump) - np.log1p(-motion.jump) + log_moved - log_stay
-    share = 1 / (1 + np.exp(-np.clip(odds, -700.0, 700.0)))
-    return _merged(stay, moved, share)
+    log_moved += np.log(motion.jump)
+    log_stay += np.log1p(-motion.jump)
+    share = 1 / (1 + np.exp(-np.clip(log_moved - log_stay, -700.0, 700.0)))
+    return _merged(stay, moved, share), np.logaddexp(log_stay, log_moved)
 
 
 def _updated(belief: Belief, F: Array, i: Array) -> tuple[Belief, Array]:
     """Posterior, and the logarithm (B,) of the evidence but for what all hypotheses share."""
-    m, P = belief.mean, belief.covariance
-    after = np.asarray(np.linalg.inv(np.linalg.inv(P) + F), dtype=np.float64)
-    Fm = (F * m[:, None]).sum(axis=2)
-    pull = i - Fm
-    step = (after * pull[:, None]).sum(axis=2)
-    J = (m * (Fm - 2 * i)).sum(axis=1) - (pull * step).sum(axis=1)
-    _, log_determinant = np.linalg.slogdet(np.eye(F.shape[1]) + P @ F)
-    return Belief(m + step, after, belief.jumped), -(J + log_determinant) / 2
+    mean, after = np.empty_like(belief.mean), np.empty_like(belief.covariance)
+    evidence = np.empty(len(belief))
+    _update(belief.mean, belief.covariance, F, i, mean, after, evidence)
+    return Belief(mean, after, belief.jumped), evidence
+
+
+@kernel
+def _update(
+    m: NDArray[np.float64],
+    P: NDArray[np.float64],
+    F: NDArray[np.float64],
+    i: NDArray[np.float64],
+    mean: NDArray[np.float64],
+    after: NDArray[np.float64],
+    evidence: NDArray[np.float64],
+) -> None:
+    """``P+ = (1 + P F)^-1 P`` by elimination with pivots, whose product is the determinant."""
+    q = m.shape[1]
+    W, X, pull = np.empty((q, q)), np.empty((q, q)), np.empty(q)
+    for b in range(len(m)):
+        J = 0.0
+        for r in range(q):
+            Fm = 0.0
+            for c in range(q):
+                Fm += F[b, r, c] * m[b, c]
+                W[r, c], X[r, c] = 1.0 if r == c else 0.0, P[b, r, c]
+                for k in range(q):
+                    W[r, c] += P[b, r, k] * F[b, k, c]
+            pull[r] = i[b, r] - Fm
+            J += m[b, r] * (Fm - 2 * i[b, r])
+        logarithm = 0.0
+        for k in range(q):
+            best = k
+            for r in range(k + 1, q):
+                if abs(W[r, k]) > abs(W[best, k]):
+                    best = r
+            if best != k:
+                for c in range(q):
+                    W[k, c], W[best, c] = W[best, c], W[k, c]
+                    X[k, c], X[best, c] = X[best, c], X[k, c]
+            logarithm += np.log(abs(W[k, k]))
+            for r in range(k + 1, q):
+                factor = W[r, k] / W[k, k]
+                for c in range(k + 1, q):
+                    W[r, c] -= factor * W[k, c]
+                for c in range(q):
+                    X[r, c] -= factor * X[k, c]
+        for k in range(q - 1, -1, -1):
+            for c in range(q):
+                for r in range(k + 1, q):
+                    X[k, c] -= W[k, r] * X[r, c]
+                X[k, c] /= W[k, k]
+        for r in range(q):
+            step = 0.0
+            for c in range(q):
+                step += 0.5 * (X[r, c] + X[c, r]) * pull[c]
+                after[b, r, c] = 0.5 * (X[r, c] + X[c, r])
+            mean[b, r] = m[b, r] + step
+            J -= pull[r] * step
+        evidence[b] = -0.5 * (J + logarithm)
 
 
 def _merged(a: Belief, b: Belief, share: Array) -> Belief:

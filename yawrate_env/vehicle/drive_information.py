@@ -103,7 +103,7 @@ class Predictor:
         column = np.append(plant.B, np.zeros((len(plant), 1)), axis=1)
         A, B = whole[:count], column[:count]
         fresh = noise.disturbance**2 * (1 - share**2)
-        K, variance = kalman(A, row, fresh, noise.gyro**2) if gain is None else gain
+        K, variance = _of(A, row, fresh, noise) if gain is None else gain
         c = np.trace(A, axis1=1, axis2=2) / n
         found = polynomials(whole, column, row, np.tile(c, 3))
         alpha, beta, rows = (each[:count] for each in found)
@@ -178,20 +178,27 @@ def _joined(A: Array, B: Array, share: float) -> Array:
     return whole
 
 
-def kalman(A: Array, C: Array, fresh: float, white: float) -> tuple[Array, Array]:
-    """Stationary predictor gains (B, n) and variances (B,) of the prediction error.
+def _of(A: Array, row: Array, fresh: float, noise: Noise) -> tuple[Array, Array]:
+    """Gains and variances where noise of variance `fresh` enters the last state."""
+    Q = np.zeros_like(A)
+    Q[:, -1, -1] = fresh
+    return kalman(A, row, Q, noise.gyro**2)[:2]
 
-    Noise of variance `fresh` enters the last state, of variance `white` the output.  The Riccati
+
+def kalman(A: Array, C: Array, Q: Array, white: float) -> tuple[Array, Array, Array]:
+    """Stationary predictor gains (B, n), variances (B,) of errors, covariances (B, n, n) of states.
+
+    Noise of covariance Q (B, n, n) enters the states, of variance `white` the output.  The Riccati
     equation is solved by structured doubling (Chu, Fan and Lin, 2005), which converges as Newton's
     rule does.
     """
-    K, variance = np.empty(A.shape[:2]), np.empty(len(A))
+    K, variance, P = np.empty(A.shape[:2]), np.empty(len(A)), np.empty(A.shape)
 
     def some(i: int, j: int) -> None:
-        _kalman(A[i:j], C, fresh, white, K[i:j], variance[i:j])
+        _kalman(A[i:j], C, Q[i:j], white, K[i:j], variance[i:j], P[i:j])
 
     over_blocks(some, len(A), _BLOCK)
-    return K, variance
+    return K, variance, P
 
 
 def _applied(M: Array, v: Array) -> Array:
@@ -252,10 +259,11 @@ def _solved(W: NDArray[np.float64], X: NDArray[np.float64]) -> None:
 def _kalman(
     A: NDArray[np.float64],
     C: NDArray[np.float64],
-    fresh: float,
+    Q: NDArray[np.float64],
     white: float,
     K: NDArray[np.float64],
     variance: NDArray[np.float64],
+    covariance: NDArray[np.float64],
 ) -> None:
     """Doubling of F = A', G = C'C/white and H: H tends to the covariance of the state."""
     n = A.shape[1]
@@ -272,8 +280,7 @@ def _kalman(
             for j in range(n):
                 F[i, j] = A[b, j, i]
                 G[i, j] = C[i] * C[j] / white
-                H[i, j] = 0.0
-        H[n - 1, n - 1] = fresh
+                H[i, j] = Q[b, i, j]
         for _ in range(_DOUBLINGS):
             _times(G, H, W)
             for i in range(n):
@@ -316,7 +323,7 @@ def _kalman(
         for i in range(n):
             for j in range(n):
                 total += C[i] * H[i, j] * C[j]
-        variance[b] = total
+        variance[b], covariance[b] = total, H
         for i in range(n):
             gain = 0.0
             for j in range(n):
