@@ -127,5 +127,5 @@ def _trust(each: Row) -> list[str]:
     shares = [f"{found[name]:.0%}" for name in Verdict]
     holds = ", ".join(f"{value:.0%}" for value in found["coverage"])
     half = ", ".join(short(value) for value in found["half"])
-    return [each["fault"], *shares, f"{found['missed']:.1%}", f"{found['wrong']} of {found['of']:,}",
-            holds, half]  # fmt: skip
+    usable = f"{found['wrong']} of {found['of']:,}"
+    return [each["fault"], *shares, f"{found['missed']:.1%}", usable, holds, half]

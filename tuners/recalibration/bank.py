@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from tuners.recalibration.belief import Belief, Motion, weighed
 from yawrate_env.batch import replaced, take
 from yawrate_env.loop.loops import Loops
-from yawrate_env.vehicle.drive_estimate import COORDINATES, NEAR, encode
+from yawrate_env.vehicle.drive_estimate import COORDINATES, encode
 from yawrate_env.vehicle.drive_slopes import AT, LATEST, NOISE, PARAMETERS, Past, Reader, Slopes
 from yawrate_env.vehicle.drives import Drives
 
@@ -36,7 +36,6 @@ SPREAD = {
     "J_z": 0.1,
     "omega_n": 0.2,
     "xi": 0.15,
-    "l_rel_f": 0.15,
     "l_rel_r": 0.15,
     "l_f": 0.1,
     "l_r": 0.1,
@@ -48,7 +47,7 @@ SPREAD = {
 }
 """What may be wrong, and its standard deviation where it is."""
 
-TOGETHER = ("C_f", "J_z", "omega_n", "l_r", "gain")
+TOGETHER = ("C_f", "J_z", "omega_n", "gain")
 """What costs margins most: of these, two may be wrong at once."""
 
 _SINGLE, _DOUBLE = 0.05, 0.005  # of cars with one wrong number, and with two
@@ -58,6 +57,7 @@ _NOISE_WALK = 0.03, 0.03, 0.03
 _DRIFT = 0.03  # of what is wrong, between windows, in its standard deviations
 _SWITCH = 1e-4  # share of the weights that begins anew with every window
 _STEPS = 2  # Gauss-Newton, at most
+_NEAR = 3.0  # deviations that a step may lead, or another one follows
 _FADES = 0.95  # of the scale's windows, between windows
 _MOST = 3.0
 _FLOOR = 0.1  # of the scale
@@ -178,7 +178,7 @@ class Bank:
         """
         found, far = self._step(known, u, y, v_x, known, gap)
         for _ in range(_STEPS - 1):
-            rows = np.flatnonzero(far > NEAR)
+            rows = np.flatnonzero(far > _NEAR)
             if not len(rows):
                 break
             some = take(known, rows)
@@ -294,7 +294,8 @@ class Bank:
         belief = Belief(mean, known.covariance.reshape(-1, q, q), np.zeros(len(mean)))
         motion = Motion(walk, conditions.jump_probability, 0, prior.mean[0], prior.variance[0])
         own = F[:, index[:, :, None], index[:, None]].reshape(-1, q, q)
-        found, evidence = weighed(belief, motion, own, i[:, index].reshape(-1, q))
+        live = np.tile((index < _NOTHING).sum(axis=1), count)
+        found, evidence = weighed(belief, motion, own, i[:, index].reshape(-1, q), live)
         low, high = prior.low - _BEYOND, prior.high + _BEYOND
         found.mean[:, :COORDINATES] = np.clip(found.mean[:, :COORDINATES], low, high)
         noise = found.mean[:, COORDINATES:_OWN]

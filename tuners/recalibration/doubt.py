@@ -71,4 +71,3 @@ def doubt(bank: Bank, known: Knowledge, gains: Array) -> Doubt:
     worst[bank.foreign(known) | (known.response == 0).all(axis=1)] = np.inf
     verdict = np.searchsorted([1.0, _CARE], worst)
     return Doubt(GAUSSIAN * deviation, verdict)
-

@@ -26,9 +26,9 @@ from yawrate_env.vehicle.single_track import Context, Vehicle, context_of, state
 
 Array = NDArray[np.float64]
 
-CONSTANTS = ("C_f", "J_z", "omega_n", "xi", "l_rel_f", "l_rel_r", "l_f", "l_r")
-"""Of `Vehicle`, as logarithms of what they are over what the data say.  C_r is not among them:
-with other friction, it is C_f."""
+CONSTANTS = ("C_f", "J_z", "omega_n", "xi", "l_rel_r", "l_f", "l_r")
+"""Of `Vehicle`, as logarithms of what they are over what the data say.  C_r is not among them: with
+other friction, it is C_f.  Nor is l_rel_f, of which the windows tell nothing."""
 
 _MOVING = ("friction", "mass", "speed", *CONSTANTS)  # other plants; the others need none
 PARAMETERS = (*_MOVING, "load", "gain", "late", "offset", "disturbance", "time", "colour")
