@@ -56,7 +56,6 @@ _NOISE_SPREAD = 0.7, 0.7, 0.7  # of logarithms, and of the colour
 _NOISE_WALK = 0.03, 0.03, 0.03
 _DRIFT = 0.03  # of what is wrong, between windows, in its standard deviations
 _SWITCH = 1e-4  # share of the weights that begins anew with every window
-_STEPS = 2  # Gauss-Newton, at most
 _NEAR = 3.0  # deviations that a step may lead, or another one follows
 _FADES = 0.95  # of the scale's windows, between windows
 _MOST = 3.0
@@ -69,6 +68,7 @@ _FARTHEST = 3.5  # standard deviations of what is wrong: beyond them something e
 _DISBELIEF = 20.0  # logarithm of what such a hypothesis loses with every window
 _STRONGEST, _APART = 1.5, 2.0  # logarithms of the disturbance's size and time constant
 _COLOURED, _SCALES = 4.0, (0.1, 10.0)  # of the gyro's noise, in the claimed variance
+_DOUBTED = 0.05  # share of the car as its data say, at which they look wrong
 _KNOWN = 1e-3
 SHARED = np.array([AT["friction"], AT["mass"], *NOISE])
 """Coordinates that are unknown under every hypothesis."""
@@ -162,8 +162,23 @@ class Bank:
         mean = encode(theta, self.drives.vehicle)
         return self._begun(mean, np.full(mean.shape, _KNOWN**2))
 
+    def loaded(self, known: Knowledge) -> Knowledge:
+        """Before another drive: the load is unknown, and all else as it was."""
+        prior, at = self.drives.estimator.prior, AT["mass"]
+        mean, covariance = known.mean.copy(), known.covariance.copy()
+        mean[..., at] = prior.mean[at]
+        covariance[..., at, :], covariance[..., :, at] = 0.0, 0.0
+        covariance[..., at, at] = prior.variance[at]
+        return replace(known, mean=mean, covariance=covariance)
+
     def followed(
-        self, known: Knowledge, u: Array, y: Array, v_x: Array, gap: float | None = None
+        self,
+        known: Knowledge,
+        u: Array,
+        y: Array,
+        v_x: Array,
+        gap: float | None = None,
+        steps: int = 2,
     ) -> Knowledge:
         """What is known after one more window.
 
@@ -175,9 +190,11 @@ class Bank:
             Speed [m/s].
         gap : float, optional
             Time since the window before [s]; a window's length if omitted.
+        steps : int
+            Gauss-Newton steps at most; one is enough where it leads less than three deviations far.
         """
         found, far = self._step(known, u, y, v_x, known, gap)
-        for _ in range(_STEPS - 1):
+        for _ in range(steps - 1):
             rows = np.flatnonzero(far > _NEAR)
             if not len(rows):
                 break
@@ -204,6 +221,38 @@ class Bank:
         return np.asarray(
             beyond | (colour > _COLOURED) | (scale < _SCALES[0]) | (scale > _SCALES[1])
         )
+
+    def friction_and_mass(self, known: Knowledge) -> tuple[Array, Array]:
+        """Means and standard deviations (B, 2) of their logarithms over all hypotheses."""
+        share, own = np.exp(known.weight)[..., None], known.mean[..., :COORDINATES]
+        mean = (share * own).sum(axis=1)
+        variance = np.diagonal(known.covariance, axis1=2, axis2=3)[..., :COORDINATES]
+        return mean, np.sqrt((share * (variance + (own - mean[:, None]) ** 2)).sum(axis=1))
+
+    def wrong(self, known: Knowledge) -> dict[str, float]:
+        """What is wrong with the first car's data, and its coordinate, where 95 % speak for it."""
+        share = np.exp(known.weight[0])
+        if share[0] > _DOUBTED:
+            return {}
+        likely = 1 + int(share[1:].argmax())
+        own = known.mean[0, likely, _OWN:]
+        return {PARAMETERS[at]: float(value) for at, value in
+                zip(self.free[likely], own, strict=True) if at < _NOTHING}  # fmt: skip
+
+    def misfit(self, before: Knowledge, after: Knowledge) -> float:
+        """Energy of the first car's last window over what its noise explained before."""
+        energy = after.energy[0] - _FADES * before.energy[0]
+        return float(energy * before.windows[0] / before.energy[0])
+
+    def drawn(self, known: Knowledge, count: int, rng: np.random.Generator) -> Array:
+        """Coordinates (count, P) of what the first car may be."""
+        chosen = rng.choice(len(self.free), count, p=np.exp(_normal(known.weight[:1])[0]))
+        z = np.zeros((count, _NOTHING + 1))
+        for h in np.unique(chosen):
+            rows = np.flatnonzero(chosen == h)
+            own = rng.multivariate_normal(known.mean[0, h], known.covariance[0, h], len(rows))
+            z[rows[:, None], self.index[h]] = own
+        return z[:, :_NOTHING]
 
     def gains(self, known: Knowledge, v_x: Array) -> Array:
         """Gains (B, 2) of the design rule at these means; ``nan`` where it has none."""
