@@ -17,7 +17,8 @@ from yawrate_env.files import write_text
 
 
 @program(__doc__)
-@counted("--drives", 400, "Of 50 windows each; a quarter of them under each fault.")
+@counted("--drives", 400, "Of 50 windows each.")
+@counted("--faulty", 100, "Drives under each fault.")
 @counted("--tuned", 4, "Drives on which tuners answer every window.")
 @counted("--agents", 5, "Seeds of the agent.")
 @counted("--windows", 20_000, "That each learns from.")
@@ -30,6 +31,7 @@ from yawrate_env.files import write_text
 @click.option("--results", type=FOLDER, default=Path("results"), help="Folder to write to.")
 def main(
     drives: int,
+    faulty: int,
     tuned: int,
     agents: int,
     windows: int,
@@ -53,7 +55,7 @@ def main(
         if again:
             found["rows"] = recalibration.renewed(found["rows"], drives, seed)
         if not timing:
-            found["faults"] = recalibration.faults(max(drives // 4, 1), seed, bars)
+            found["faults"] = recalibration.faults(faulty, seed, bars)
     if timing or not again:
         found["speed"] = recalibration.speed(batch, rounds)
     write_text(stored, json.dumps(found, indent=1, allow_nan=False) + "\n")

@@ -10,10 +10,11 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.recalibration.bank import Bank, Knowledge
+from tuners.recalibration.bank import Bank
 from tuners.recalibration.belief import Belief
 from tuners.recalibration.doubt import Doubt, doubt
 from tuners.recalibration.follower import Follower
+from tuners.recalibration.hypotheses import Knowledge
 from tuners.trust.verdict import Verdict, worst
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner

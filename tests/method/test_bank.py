@@ -6,9 +6,10 @@ import pytest
 from studies.recalibration import begun, interface, ride, trust
 from studies.recalibration_faults import FAULTS, Fault
 from studies.recalibration_rungs import Banked, Filtered
-from tuners.recalibration.bank import SPREAD, Bank
+from tuners.recalibration.bank import Bank
 from tuners.recalibration.doubt import ORDER, doubt
 from tuners.recalibration.follower import Follower
+from tuners.recalibration.hypotheses import SPREAD
 from tuners.trust.verdict import Verdict
 from yawrate_env.batch import take
 from yawrate_env.loop.loops import Loops

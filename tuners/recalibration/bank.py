@@ -16,13 +16,13 @@ noise is of a kind that these cannot represent, the car counts as its data say.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tuners.recalibration.belief import Belief, Motion, weighed
+from tuners.recalibration.hypotheses import SPREAD, Knowledge, suspected
 from yawrate_env.batch import replaced, take
 from yawrate_env.loop.loops import Loops
 from yawrate_env.vehicle.drive_estimate import COORDINATES, encode
@@ -30,27 +30,6 @@ from yawrate_env.vehicle.drive_slopes import AT, LATEST, NOISE, PARAMETERS, Past
 from yawrate_env.vehicle.drives import Drives
 
 Array = NDArray[np.float64]
-
-SPREAD = {
-    "C_f": 0.1,
-    "J_z": 0.1,
-    "omega_n": 0.2,
-    "xi": 0.15,
-    "l_rel_r": 0.15,
-    "l_f": 0.1,
-    "l_r": 0.1,
-    "speed": 0.1,
-    "load": 0.1,
-    "gain": 0.1,
-    "late": 0.02,
-    "offset": 0.005,
-}
-"""What may be wrong, and its standard deviation where it is."""
-
-TOGETHER = ("C_f", "J_z", "omega_n", "gain")
-"""What costs margins most: of these, two may be wrong at once."""
-
-_SINGLE, _DOUBLE = 0.05, 0.005  # of cars with one wrong number, and with two
 
 _NOISE_SPREAD = 0.7, 0.7, 0.7  # of logarithms, and of the colour
 _NOISE_WALK = 0.03, 0.03, 0.03
@@ -74,42 +53,6 @@ SHARED = np.array([AT["friction"], AT["mass"], *NOISE])
 """Coordinates that are unknown under every hypothesis."""
 _OWN = len(SHARED)
 _NOTHING = len(PARAMETERS)  # a coordinate that nothing depends on
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Knowledge:
-    """What is known of B cars.
-
-    Attributes
-    ----------
-    mean, covariance : NDArray
-        (B, H, q) and (B, H, q, q) of the coordinates that all share, and a hypothesis' own.
-    weight : NDArray
-        (B, H) logarithms of probabilities.
-    jumped : NDArray
-        (B,) probability that friction jumped before the last window.
-    energy, slow, windows : NDArray
-        (B,) squared prediction errors in units of the claimed noise, those of slow sums, and of how
-        many windows.
-    past : Past
-        What reading the next window needs.
-    response : NDArray
-        (B, P + 1) slopes of the plant's response (`yawrate_env.vehicle.drive_slopes.Slopes`); zero
-        before the first window.
-    """
-
-    mean: Array
-    covariance: Array
-    weight: Array
-    jumped: Array
-    energy: Array
-    slow: Array
-    windows: Array
-    past: Past
-    response: NDArray[np.complex128]
-
-    def __len__(self) -> int:
-        return len(self.mean)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -350,14 +293,6 @@ class Bank:
         noise = found.mean[:, COORDINATES:_OWN]
         found.mean[:, COORDINATES:_OWN] = np.clip(noise, _QUIETEST, _LOUDEST)
         return found, evidence.reshape(count, H)
-
-
-def suspected() -> dict[tuple[str, ...], float]:
-    """What may be wrong: each of `SPREAD`, and two of `TOGETHER`, with probabilities."""
-    pairs = list(combinations(TOGETHER, 2))
-    return {(name,): _SINGLE / len(SPREAD) for name in SPREAD} | dict.fromkeys(
-        pairs, _DOUBLE / len(pairs)
-    )
 
 
 def _least(told: Slopes) -> Array:

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tuners.recalibration.bank import Bank, Knowledge
+from tuners.recalibration.bank import Bank
+from tuners.recalibration.hypotheses import Knowledge
 from tuners.trust.intervals import GAUSSIAN
 from tuners.trust.verdict import Verdict
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, PHASE_SCALE

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from tuners.recalibration.bank import Bank, Knowledge
+from tuners.recalibration.bank import Bank
+from tuners.recalibration.hypotheses import Knowledge
 from yawrate_env import validation
 from yawrate_env.batch import take
 from yawrate_env.loop.loops import Loops

@@ -218,7 +218,8 @@ def _product(M: NDArray[np.float64], v: NDArray[np.float64], out: NDArray[np.flo
 
 
 @kernel
-def _times(P: NDArray[np.float64], Q: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+def times(P: NDArray[np.float64], Q: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    """The product of two matrices."""
     n = len(P)
     for i in range(n):
         for j in range(n):
@@ -282,7 +283,7 @@ def _kalman(
                 G[i, j] = C[i] * C[j] / white
                 H[i, j] = Q[b, i, j]
         for _ in range(_DOUBLINGS):
-            _times(G, H, W)
+            times(G, H, W)
             for i in range(n):
                 W[i, i] += 1.0
                 for j in range(n):
@@ -291,7 +292,7 @@ def _kalman(
             for i in range(n):
                 for j in range(n):
                     left[i, j], right[i, j] = both[i, j], both[i, n + j]
-            _times(H, left, part)  # H W^-1 F
+            times(H, left, part)  # H W^-1 F
             change = 0.0
             for i in range(n):  # H += F' H W^-1 F
                 for j in range(n):
@@ -303,7 +304,7 @@ def _kalman(
                 for j in range(n):
                     H[i, j] += 0.5 * (other[i, j] + other[j, i])
                 change = max(change, other[i, i] / (H[i, i] + 1e-300))
-            _times(F, right, part)  # G += F W^-1 G F'
+            times(F, right, part)  # G += F W^-1 G F'
             for i in range(n):
                 for j in range(n):
                     total = 0.0
@@ -313,7 +314,7 @@ def _kalman(
             for i in range(n):
                 for j in range(n):
                     G[i, j] += 0.5 * (other[i, j] + other[j, i])
-            _times(F, left, part)  # F = F W^-1 F
+            times(F, left, part)  # F = F W^-1 F
             for i in range(n):
                 for j in range(n):
                     F[i, j] = part[i, j]

@@ -12,16 +12,16 @@ filters of their own.  Slopes begin each window at zero: a manoeuvre ends within
 """
 
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from yawrate_env.compiled import LANES, kernel, over_blocks
 from yawrate_env.loop.discretisation import DiscretePlant, polynomials, zoh
 from yawrate_env.vehicle.discrete import plants
-from yawrate_env.vehicle.drive_information import Noise, _times, kalman
+from yawrate_env.vehicle.drive_gains import entry, gain_slopes, outer
+from yawrate_env.vehicle.drive_information import Noise, kalman
+from yawrate_env.vehicle.drive_signals import delayed, signal_products
 from yawrate_env.vehicle.single_track import Context, Vehicle, context_of, state_space
 
 Array = NDArray[np.float64]
@@ -44,14 +44,8 @@ LATEST = 0.1
 """Longest dead time [s]."""
 
 _DIFFERENCE = 1e-5
-_DOUBLINGS = 30
-_CONVERGED = 1e-4  # relative
 _LEAST = 1e-9  # rad, of what renews the disturbance
 _ACTUATOR = 4, 5  # its rate and angle among the states
-_RUN = 12  # samples, of which errors are summed to see whether they are white
-_EVERY = 4  # samples: slopes are smooth enough for their products to be taken at every fourth
-_TEMPORARY = 7
-_FURTHER = 5  # signals beside error and v: one, late, disturbance, time, colour
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +82,7 @@ class Slopes:
     information : NDArray
         (B, P, P) inner products of slopes.
     slow : NDArray
-        (B,) mean square of sums of errors over `_RUN` samples, over what it is of white ones.
+        (B,) mean square of sums of errors over twelve samples, over what it is of white ones.
     x : NDArray
         (B, 7) state predicted for the sample after the last.
     response : NDArray
@@ -159,7 +153,7 @@ class Reader:
         kappa = form[:, 1 + 2 * n : 1 + 3 * n]
         start = (rows * past.x[:, None]).sum(axis=2)
         late = self._late(u, past.u, z[:, AT["late"]])
-        gram, last, slow = _gram(n, form, start, late, y - z[:, [AT["offset"]]])
+        gram, last, slow = signal_products(n, form, start, late, y - z[:, [AT["offset"]]])
         signals = np.zeros((count, 1 + P, gram.shape[1]))
         signals[:, 0, 0] = 1.0
         own = signals[:, 1:]
@@ -234,10 +228,10 @@ class Reader:
             (a - b) / _DIFFERENCE for a, b in zip(others, (alpha, beta, rows), strict=True)
         )
         Q, Q_longer = np.zeros_like(whole), np.zeros_like(whole)
-        coloured = _outer(_entry(rows, alpha, share - c))
+        coloured = outer(entry(rows, alpha, share - c))
         Q[:] = colour[:, None, None] * coloured
         Q[:, -1, -1] += size
-        Q_longer[:] = other_colour[:, None, None] * _outer(_entry(others[2], others[0], slower - c))
+        Q_longer[:] = other_colour[:, None, None] * outer(entry(others[2], others[0], slower - c))
         Q_longer[:, -1, -1] += other_size
         dA, dQ = np.zeros((count, 3, n, n)), np.zeros((count, 3, n, n))
         dA[:, 1, -1, -1] = (slower - share) / _DIFFERENCE
@@ -247,7 +241,7 @@ class Reader:
         dQ[:, 2] = unit[:, None, None] * coloured
         K, variance, covariance = kalman(whole, row, Q, self.noise.gyro**2)
         dK = np.empty((count, 3, n))
-        _slope(whole, row, dA, dQ, K, variance, covariance, dK)
+        gain_slopes(whole, row, dA, dQ, K, variance, covariance, dK)
         kappa, of_size, of_time, of_colour = (
             (rows * gain[:, None]).sum(axis=2) for gain in (K, dK[:, 0], dK[:, 1], dK[:, 2])
         )
@@ -266,27 +260,8 @@ class Reader:
     def _late(self, u: Array, before: Array, dead_time: Array) -> Array:
         """Commands (B, N) as they were a dead time (B,) ago, with lines between samples."""
         late = np.empty_like(u)
-        _delayed(u, before, np.clip(dead_time, 0.0, LATEST) / self.Ts, late)
+        delayed(u, before, np.clip(dead_time, 0.0, LATEST) / self.Ts, late)
         return late
-
-
-@kernel
-def _delayed(
-    u: NDArray[np.float64],
-    before: NDArray[np.float64],
-    samples: NDArray[np.float64],
-    late: NDArray[np.float64],
-) -> None:
-    """Signals some samples ago; `before` holds those that went before."""
-    N, known = u.shape[1], before.shape[1]
-    for b in range(len(u)):
-        whole = int(samples[b])
-        share = samples[b] - whole
-        for k in range(N):
-            at = k - whole
-            new = u[b, at] if at >= 0 else before[b, known + at]
-            old = u[b, at - 1] if at >= 1 else before[b, known + at - 1]
-            late[b, k] = (1 - share) * new + share * old
 
 
 def _balanced(vehicle: Vehicle, context: Context, Ts: float) -> DiscretePlant:
@@ -311,81 +286,8 @@ def _amplified(plant: DiscretePlant, z: Array) -> DiscretePlant:
     return DiscretePlant(plant.A, plant.B * gain[:, None], plant.C, plant.Ts, D, plant.delay)
 
 
-def _entry(rows: Array, alpha: Array, pole: Array) -> Array:
-    """Where noise enters the states (B, n) to reach the output by the disturbance's pole alone.
-
-    Its numerator is the vehicle's denominator: alpha's polynomial without that pole, given as its
-    distance (B,) from the centre.
-    """
-    numerator = np.ones_like(alpha)
-    for i in range(1, alpha.shape[1]):
-        numerator[:, i] = alpha[:, i - 1] + pole * numerator[:, i - 1]
-    return np.asarray(np.linalg.solve(rows, numerator[..., None])[..., 0])
-
-
-def _outer(v: Array) -> Array:
-    return v[:, :, None] * v[:, None]
-
-
 def _first(plant: DiscretePlant, count: int) -> DiscretePlant:
     return DiscretePlant(plant.A[:count], plant.B[:count], plant.C, plant.Ts)
-
-
-@kernel
-def _slope(
-    A: NDArray[np.float64],
-    C: NDArray[np.float64],
-    dA: NDArray[np.float64],
-    dQ: NDArray[np.float64],
-    K: NDArray[np.float64],
-    variance: NDArray[np.float64],
-    P: NDArray[np.float64],
-    dK: NDArray[np.float64],
-) -> None:
-    """Slopes (B, p, n) of Kalman gains where transition and noise move, by doubling.
-
-    With ``L = A - K C``: ``dP = L dP L' + dA P L' + L P dA' + dQ``, and
-    ``dK = (dA P C' + L dP C') / variance``.
-    """
-    n, size = A.shape[1], dA.shape[1]
-    L, M, T = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    X, moved = np.empty((size, n, n)), np.empty((size, n, n))
-    for b in range(len(A)):
-        for i in range(n):
-            for j in range(n):
-                L[i, j] = M[i, j] = A[b, i, j] - K[b, i] * C[j]
-        for p in range(size):
-            _times(dA[b, p], P[b], moved[p])
-            for i in range(n):
-                for j in range(n):
-                    X[p, i, j] = dQ[b, p, i, j]
-                    for k in range(n):
-                        X[p, i, j] += moved[p, i, k] * L[j, k] + L[i, k] * moved[p, j, k]
-        for _ in range(_DOUBLINGS):
-            change, largest = 0.0, 1e-300
-            for p in range(size):
-                _times(M, X[p], T)
-                for i in range(n):
-                    for j in range(n):
-                        total = 0.0
-                        for k in range(n):
-                            total += T[i, k] * M[j, k]
-                        X[p, i, j] += total
-                        change, largest = max(change, abs(total)), max(largest, abs(X[p, i, j]))
-            if change < _CONVERGED * largest:
-                break
-            _times(M, M, T)
-            for i in range(n):
-                for j in range(n):
-                    M[i, j] = T[i, j]
-        for p in range(size):
-            for i in range(n):
-                dK[b, p, i] = 0.0
-                for j in range(n):
-                    back = moved[p, i, j]
-                    for k in range(n):
-                        back += L[i, k] * X[p, k, j]
-                    dK[b, p, i] += back * C[j] / variance[b]
 
 
 def _moved(z: Array) -> Array:
@@ -410,129 +312,3 @@ def _constant(c: Array, back: Array, kappa: Array) -> Array:
     powers = (1 - c)[:, None] ** -np.arange(kappa.shape[1])
     v = powers / ((1 - c) + (back * powers).sum(axis=1))[:, None]
     return np.asarray(1 - (kappa * v).sum(axis=1))
-
-
-def _gram(n: int, form: Array, start: Array, u: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Inner products (B, m, m) of a window's signals, and the last states (B, n)."""
-    count, m = len(form), 1 + 2 * n + _FURTHER
-    upper = np.triu_indices(m)
-    gram, last, slow = np.empty((count, m, m)), np.empty((count, n)), np.empty(count)
-
-    first = 1 + 14 * n
-
-    def one_block(i: int, j: int) -> None:
-        lanes = np.minimum(np.arange(i, i + LANES), j - 1)
-        work = np.zeros((first + m + _TEMPORARY + len(upper[0]), LANES))
-        work[: 1 + 8 * n], work[1 + 8 * n : 1 + 9 * n] = form[lanes].T, start[lanes].T
-        _recursion(n)(work.reshape(-1), u, y, lanes)
-        sums = work[first + m + _TEMPORARY :, : j - i].T
-        slow[i:j] = work[first + m + _TEMPORARY - 1, : j - i]
-        sums[:, m:] *= u.shape[1] / -(-u.shape[1] // _EVERY)
-        last[i:j] = work[1 + 8 * n : 1 + 9 * n, : j - i].T
-        gram[i:j, upper[0], upper[1]] = sums
-        gram[i:j, upper[1], upper[0]] = sums
-
-    over_blocks(one_block, count, LANES)
-    return gram, last, slow / (u.shape[1] // _RUN * _RUN)
-
-
-# Rows of the workspace, one number a lane: the form's coefficients, five states (of the predictor,
-# v of u and of its output, two slopes by the noise), the signals, temporaries, and the sums.
-
-
-@cache
-def _recursion(n: int) -> Any:
-    """Compile for order `n`, known to the compiler so that it unrolls the sums."""
-    SIGNALS = 1 + 2 * n + _FURTHER
-    ALPHA, BETA, KAPPA, D_SIZE, D_COLOUR, D_ALPHA, D_BETA, D_KAPPA = (
-        (1 + i * n) * LANES for i in range(8)
-    )
-    STATE, U, Y, SIZE, TIME, COLOUR = ((1 + i * n) * LANES for i in range(8, 14))
-    SIGNAL = (1 + 14 * n) * LANES
-    ONE, LATE, BY_SIZE, BY_TIME, BY_COLOUR = (
-        SIGNAL + (1 + 2 * n + i) * LANES for i in range(_FURTHER)
-    )
-    COMMAND, OUTPUT, ANSWER, PUSH, PULL, RUN, SLOW = (
-        SIGNAL + (SIGNALS + i) * LANES for i in range(_TEMPORARY)
-    )
-    SUMS = SLOW + LANES
-    STEP = n * LANES
-
-    @kernel
-    def recursion(
-        work: NDArray[np.float64],
-        u: NDArray[np.float64],
-        y: NDArray[np.float64],
-        own: NDArray[np.int64],
-    ) -> None:
-        for lane in range(LANES):
-            work[ONE + lane] = 1.0
-        for k in range(y.shape[1]):
-            for lane in range(LANES):
-                work[COMMAND + lane] = u[own[lane], k]
-                work[SIGNAL + lane] = y[own[lane], k]
-            for lane in range(LANES):
-                output = work[STATE + lane]
-                work[OUTPUT + lane] = output
-                work[SIGNAL + lane] -= output
-                work[BY_SIZE + lane], work[BY_TIME + lane] = work[SIZE + lane], work[TIME + lane]
-                work[BY_COLOUR + lane] = work[COLOUR + lane]
-            for i in range(2 * STEP):
-                work[SIGNAL + LANES + i] = work[U + i]
-            for lane in range(LANES):
-                answer, push, pull = 0.0, 0.0, 0.0
-                for i in range(n):
-                    at = i * LANES + lane
-                    back = work[ALPHA + at] + work[KAPPA + at]
-                    answer += work[BETA + at] * work[U + at]
-                    push += back * work[U + at]
-                    pull += back * work[Y + at]
-                work[LATE + lane] = work[ANSWER + lane] - answer
-                work[ANSWER + lane], work[PUSH + lane], work[PULL + lane] = answer, push, pull
-            for i in range(SIGNALS):
-                for lane in range(LANES):
-                    product = work[SIGNAL + lane] * work[SIGNAL + i * LANES + lane]
-                    work[SUMS + i * LANES + lane] += product
-            for lane in range(LANES):
-                work[RUN + lane] += work[SIGNAL + lane]
-            if k % _RUN == _RUN - 1:
-                for lane in range(LANES):
-                    work[SLOW + lane] += work[RUN + lane] * work[RUN + lane]
-                    work[RUN + lane] = 0.0
-            if k % _EVERY == 0:
-                at = SUMS + SIGNALS * LANES
-                for i in range(1, SIGNALS):
-                    for j in range(i, SIGNALS):
-                        for lane in range(LANES):
-                            product = work[SIGNAL + i * LANES + lane]
-                            product *= work[SIGNAL + j * LANES + lane]
-                            work[at + lane] += product
-                        at += LANES
-            for lane in range(LANES):
-                c, e, output = work[lane], work[SIGNAL + lane], work[OUTPUT + lane]
-                command = work[COMMAND + lane]
-                s1, s2, s3 = work[BY_SIZE + lane], work[BY_TIME + lane], work[BY_COLOUR + lane]
-                for i in range(n):
-                    at = i * LANES + lane
-                    alpha, kappa = work[ALPHA + at], work[KAPPA + at]
-                    back = alpha + kappa
-                    x = c * work[STATE + at] - alpha * output + work[BETA + at] * command
-                    t1 = c * work[SIZE + at] - back * s1 + work[D_SIZE + at] * e
-                    t3 = c * work[COLOUR + at] - back * s3 + work[D_COLOUR + at] * e
-                    t2 = c * work[TIME + at] - back * s2 + work[D_KAPPA + at] * e
-                    t2 += work[D_BETA + at] * command - work[D_ALPHA + at] * output
-                    if i + 1 < n:
-                        x += work[STATE + at + LANES]
-                        t1 += work[SIZE + at + LANES]
-                        t2 += work[TIME + at + LANES]
-                        t3 += work[COLOUR + at + LANES]
-                    work[STATE + at], work[SIZE + at], work[TIME + at] = x + kappa * e, t1, t2
-                    work[COLOUR + at] = t3
-                for j in range(1, n):
-                    at = (n - j) * LANES + lane
-                    work[U + at] = c * work[U + at] + work[U + at - LANES]
-                    work[Y + at] = c * work[Y + at] + work[Y + at - LANES]
-                work[U + lane] = c * work[U + lane] + command - work[PUSH + lane]
-                work[Y + lane] = c * work[Y + lane] + output - work[PULL + lane]
-
-    return recursion
