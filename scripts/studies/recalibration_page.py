@@ -47,7 +47,7 @@ with covariance J^-1.
 ## What the filter does not know
 
 `filter` is a bank: the car as its data say, and one hypothesis for each number that may be wrong
-and for some pairs, with the noise followed beside (`tuners.recalibration.bank`). `filter, data as
+and for some pairs, all with unknown noise (`tuners.recalibration.bank`). `filter, data as
 exact` is its first hypothesis alone, with the claimed noise. Both assume the vehicle and the noise
 of the first row.
 
