@@ -1,28 +1,38 @@
-"""Ways to keep gains right while driving, on the same drives: a ladder from never to the oracle.
-
-A rung chooses the gains of every window before it is driven; all but `oracle` see only windows that
-are over, and the speed.
-"""
+"""Ways to keep gains right while driving, on the same drives, and what the filters do not know."""
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.recalibration_rungs import Filtered, Never, Rung, Scheduled, ladder, trials
+from studies.recalibration_faults import FAULTS, Fault
+from studies.recalibration_rungs import (
+    Alone,
+    Banked,
+    Bound,
+    Filtered,
+    Late,
+    Never,
+    Oracle,
+    Rung,
+    Scheduled,
+    TunedAlone,
+)
 from tuners.catalogue import load
+from tuners.recalibration.bank import Bank
+from tuners.recalibration.doubt import ORDER, Doubt
 from tuners.recalibration.follower import Follower
+from tuners.tuner.tuner import Tuner
 from yawrate_env.compiled import cores
 from yawrate_env.env.recalibration_env import PIRecalibrationVectorEnv
 from yawrate_env.env.recalibration_interface import RecalibrationInterface
 from yawrate_env.signals.streams import stream
 from yawrate_env.vehicle.drive import drive
-from yawrate_env.vehicle.drive_conditions import START_INTEGERS, WINDOW_INTEGERS, Conditions
+from yawrate_env.vehicle.drive_conditions import START_INTEGERS, WINDOW_INTEGERS
 from yawrate_env.vehicle.drives import Course, Drives
-from yawrate_env.vehicle.single_track import Vehicle
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -30,6 +40,8 @@ Progress = Callable[[str, int, int], Any]
 
 _SETS = {"test": 60, "train": 61}
 _RESAMPLES = 1000
+_JUMP = 6.0  # deviations of the walk
+_MISSED = 3.0, 0.15  # deg, Hz
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,12 +59,51 @@ class Ride:
         (D, T) loops that became so.
     cost : NDArray
         (D, T) of ``yawrate/PIRecalibration-v0``.
+    jumped : NDArray
+        (D, T) windows before which friction jumped.
     """
 
     errors: Array
     rewards: Array
     unstable: NDArray[np.bool_]
     cost: Array
+    jumped: NDArray[np.bool_]
+
+
+def ladder(drives: Drives, start: Course) -> dict[str, Rung]:
+    """Rungs from never to the oracle, for drives that start here."""
+    certain = np.tile(1e8 * np.eye(2), (len(start), 1, 1))
+    return {
+        "never re-tune": Never(drives, start),
+        "never, scheduled over speed": Scheduled(drives, start),
+        "every window alone, with the prior": Alone(drives, start),
+        **filters(drives, start),
+        "information bound": Bound(drives, certain, 0),
+        "one window late": Late(drives, start),
+        "oracle": Oracle(drives, start),
+    }
+
+
+def filters(assumed: Drives, start: Course) -> dict[str, Rung]:
+    """The bank, and the filter that it has as one hypothesis, of cars known at the start."""
+    bank, follower = Bank.of(assumed), Follower.of(assumed)
+    return {
+        "filter, data as exact": Filtered.of(follower, start),
+        "filter": Banked(bank, bank.known(start.theta)),
+    }
+
+
+def trials(drives: Drives, start: Course, tuners: Mapping[str, Tuner]) -> dict[str, Rung]:
+    """Tuners on every window alone."""
+    rungs: dict[str, Rung] = {}
+    for name, tuner in tuners.items():
+        for way, referenced, heeded in (
+            ("on every window", False, False),
+            ("with the reference", True, False),
+            ("with the reference, unless it refuses", True, True),
+        ):
+            rungs[f"`{name}` {way}"] = TunedAlone(drives, start, tuner, referenced, heeded)
+    return rungs
 
 
 def begun(drives: Drives, seed: int, count: int, name: str = "test") -> Course:
@@ -61,20 +112,28 @@ def begun(drives: Drives, seed: int, count: int, name: str = "test") -> Course:
 
 
 def ride(
-    interface: RecalibrationInterface, rung: Rung, start: Course, seed: int, name: str = "test"
+    interface: RecalibrationInterface,
+    rung: Rung,
+    start: Course,
+    seed: int,
+    name: str = "test",
+    fault: Fault | None = None,
 ) -> Ride:
     """Drive all windows; an unstable loop ends its drive."""
-    drives, count, T = interface.drives, len(start), interface.windows
+    fault, count, T = fault or Fault(), len(start), interface.windows
     errors = np.full((count, T, 2), np.nan)
     rewards, cost = np.zeros((count, T)), np.zeros((count, T))
-    unstable = np.zeros((count, T), np.bool_)
+    unstable, jumped = np.zeros((2, count, T), np.bool_)
     course, alive = start, np.ones(count, np.bool_)
     for t in range(T):
         drawn = stream((_SETS[name], seed, 1 + t), 0, count, WINDOW_INTEGERS)
-        coming = drives.coming(course, drawn)
+        drives, course = fault.drives(interface.drives, t), fault.course(course, t)
+        coming = fault.window(drives.coming(course, drawn))
         gains = rung.gains(course, coming)
         gains = np.where(np.isfinite(gains).all(axis=1, keepdims=True), gains, course.gains)
         changed = (gains != course.gains).any(axis=1)
+        far = np.abs(coming.theta[:, 0] - course.theta[:, 0])
+        jumped[:, t] = far > _JUMP * drives.conditions.walk_rms[0]
         after, driven = drives.window(course, coming, gains)
         rung.learn(course, driven)
         reward, info = interface.outcome(driven, changed)
@@ -83,7 +142,7 @@ def ride(
         unstable[:, t] = alive & ~driven.stable
         alive &= driven.stable
         course = after
-    return Ride(errors, rewards, unstable, cost)
+    return Ride(errors, rewards, unstable, cost, jumped)
 
 
 def row(name: str, ride: Ride, seed: int = 0) -> Row:
@@ -105,29 +164,6 @@ def row(name: str, ride: Ride, seed: int = 0) -> Row:
     return found
 
 
-FAULTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
-    "as assumed": ({}, {}),
-    "no disturbance": ({"disturbance": 0.0}, {}),
-    "disturbance × 2": ({"disturbance": float(np.radians(0.1))}, {}),
-    "disturbance 5 times faster": ({"disturbance_time": 0.03}, {}),
-    "disturbance 4 times slower": ({"disturbance_time": 0.6}, {}),
-    "gyro noise × 2": ({"noise": float(np.radians(0.2))}, {}),
-    "gyro noise × 0.5": ({"noise": float(np.radians(0.05))}, {}),
-    "yaw inertia + 10 %": ({}, {"J_z": 1.1 * Vehicle().J_z}),
-    "front stiffness − 10 %": ({}, {"C_f": 0.9 * Vehicle().C_f}),
-    "actuator bandwidth − 10 %": ({}, {"omega_n": 0.9 * Vehicle().omega_n}),
-}
-"""What the filter does not know: conditions, and constants of the vehicle."""
-
-
-def faulty(fault: str) -> tuple[Drives, Drives]:
-    """Drives as they are, read by the estimator of drives as they are assumed; and those."""
-    conditions, constants = FAULTS[fault]
-    assumed = Drives.of()
-    true = Drives.of(replace(Vehicle(), **constants), replace(Conditions(), **conditions))
-    return replace(true, estimator=assumed.estimator), assumed
-
-
 def interface(drives: Drives) -> RecalibrationInterface:
     """Of ``yawrate/PIRecalibration-v0`` with its default settings."""
     return RecalibrationInterface.of(drives, windows=50, price=0.01, probing=0.0, comfort=0.0)
@@ -140,8 +176,8 @@ def study(
     names: Sequence[str],
     progress: Callable[[str, int, int], Any],
 ) -> Row:
-    """The ladder, that of tuners on fewer drives, and the filter under faults."""
-    usual, rows, faults = interface(Drives.of()), [], []
+    """The ladder, and that of tuners on fewer drives."""
+    usual, rows = interface(Drives.of()), []
     start, few = (begun(usual.drives, seed, count) for count in (drives, tuned))
     few_kept = "never re-tune, on the tuners' drives"
     rungs: list[tuple[str, Rung, Course]] = [
@@ -153,19 +189,65 @@ def study(
     for done, (name, rung, at) in enumerate(rungs, 1):
         rows.append(row(name, ride(usual, rung, at, seed)))
         progress("ladder", done, len(rungs))
-    for done, fault in enumerate(FAULTS, 1):
-        faults.append({"fault": fault, **under(fault, max(drives // 4, 1), seed)})
+    return {"seed": seed, "rows": rows}
+
+
+def renewed(rows: Sequence[Row], drives: int, seed: int) -> list[Row]:
+    """Rows of which those of the filters are ridden again."""
+    usual = interface(Drives.of())
+    start = begun(usual.drives, seed, drives)
+    found = {name: row(name, ride(usual, rung, start, seed))
+             for name, rung in filters(usual.drives, start).items()}  # fmt: skip
+    others = [each for each in rows if each["rung"] not in found]
+    at = next(i for i, each in enumerate(others) if each["rung"] == "information bound")
+    return [*others[:at], *found.values(), *others[at:]]
+
+
+def trust(ride: Ride, doubts: Sequence[Doubt]) -> Row:
+    """Verdicts, and how they and the intervals hold, in windows before which nothing jumped.
+
+    The first window does not count: nothing has been seen before it.
+    """
+    verdict = np.stack([each.verdict for each in doubts], axis=1)
+    half = np.stack([each.half for each in doubts], axis=1)
+    counts = ~ride.jumped
+    counts[:, 0] = False
+    off = np.where(np.isfinite(ride.errors), np.abs(ride.errors), np.inf)
+    wrong = np.asarray((off > _MISSED).any(axis=2))
+    share = {each.value: float((verdict == i)[counts].mean()) for i, each in enumerate(ORDER)}
+    usable = counts & (verdict == 0)
+    return {
+        **share,
+        "wrong": int((usable & wrong).sum()),
+        "of": int(usable.sum()),
+        "missed": float(wrong[counts].mean()),
+        "coverage": (off <= half)[counts].mean(axis=0).tolist(),
+        "half": np.median(half[counts], axis=0).tolist(),
+    }
+
+
+def faults(count: int, seed: int, progress: Progress) -> list[Row]:
+    """The filters where their assumptions are wrong."""
+    found = []
+    for done, name in enumerate(FAULTS, 1):
+        found.append({"fault": name, **under(FAULTS[name], count, seed)})
         progress("faults", done, len(FAULTS))
-    return {"seed": seed, "rows": rows, "faults": faults}
+    return found
 
 
-def under(fault: str, count: int, seed: int) -> Row:
-    """Never re-tuning and the filter where the filter's assumptions are wrong."""
-    true, assumed = faulty(fault)
-    start, usual, follower = begun(true, seed, count), interface(true), Follower.of(assumed)
+def under(fault: Fault, count: int, seed: int) -> Row:
+    """Never re-tuning and the filters in drives with a fault."""
+    assumed = Drives.of()
+    true = fault.of(assumed)
+    start, usual = begun(true, seed, count), interface(true)
+    bank = Bank.of(assumed)
+    banked = Banked(bank, bank.known(start.theta))
     rungs: dict[str, Rung] = {"never": Never(true, start), "scheduled": Scheduled(true, start),
-             "filter": Filtered(follower, follower.known(start.theta))}  # fmt: skip
-    return {name: row(name, ride(usual, rung, start, seed)) for name, rung in rungs.items()}
+                              **filters(assumed, start), "filter": banked}  # fmt: skip
+    rides = {name: ride(usual, rung, start, seed, fault=fault) for name, rung in rungs.items()}
+    found: Row = {name: row(name, each) for name, each in rides.items()}
+    found["trust"] = trust(rides["filter"], banked.doubts)
+    return found
 
 
 def speed(batch: int, rounds: int) -> Row:

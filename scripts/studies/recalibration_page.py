@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from studies.markdown import short, table
+from tuners.trust.verdict import Verdict
 
 Row = dict[str, Any]
 
@@ -45,9 +46,18 @@ with covariance J^-1.
 
 ## What the filter does not know
 
-The filter assumes the noise and the vehicle of the first row.
+`filter` is a bank: the car as its data say, and one hypothesis for each number that may be wrong
+and for some pairs, all with unknown noise (`tuners.recalibration.bank`). `filter, data as
+exact` is its first hypothesis alone, with the claimed noise. Both assume the vehicle and the noise
+of the first row.
 
 {faults}
+A verdict comes with every window's gains (`tuners.recalibration.doubt`): usable where the 90 %
+intervals reach no further than 3° and 0.15 Hz, with care within twice that. Counted are windows
+before which friction did not jump, without each drive's first; wrong is an error of more than 3° or
+0.15 Hz.
+
+{trust}
 ## Speed
 
 The native batch environment, {batch} drives, {cores}: **{speed} windows a second**, features,
@@ -55,6 +65,12 @@ design and margins included (the fastest of the rounds). Shares of the time, eac
 
 {shares}"""
 
+_WAYS = {
+    "never": "never",
+    "scheduled": "scheduled over speed",
+    "filter, data as exact": "filter, data as exact",
+    "filter": "filter",
+}
 _HEADS = ("", "phase margin error [°]", "crossover error [Hz]", "reward a drive",
           "windows below 45° or unstable", "unstable", "windows")  # fmt: skip
 
@@ -72,9 +88,14 @@ def page(found: Row) -> str:
         never=short(error["never re-tune"] / error["filter"]),
         scheduled=short(error["never, scheduled over speed"] / error["filter"]),
         faults=table(
-            ("", "never [°]", "scheduled over speed [°]", "filter [°]", "never [Hz]",
-             "scheduled [Hz]", "filter [Hz]", "unstable, filter", "drives"),
+            ("", *(f"{way} [{unit}]" for unit in ("°", "Hz") for way in _WAYS.values()),
+             "unstable, filter", "drives"),
             [_fault(each) for each in found["faults"]],
+        ),
+        trust=table(
+            ("", "usable", "with care", "refused", "wrong, of all", "usable and wrong",
+             "90 % intervals hold [°], [Hz]", "half width [°], [Hz]"),
+            [_trust(each) for each in found["faults"]],
         ),
         batch=speed["batch"],
         cores="1 core" if speed["cores"] == 1 else f"{speed['cores']} cores",
@@ -96,7 +117,15 @@ def _interval(value: Row) -> str:
 
 
 def _fault(each: Row) -> list[str]:
-    ways = "never", "scheduled", "filter"
     errors = [short(each[way][name]["mean"]) for name in ("phase_margin", "crossover")
-              for way in ways]  # fmt: skip
+              for way in _WAYS]  # fmt: skip
     return [each["fault"], *errors, str(each["filter"]["unstable"]), str(each["filter"]["drives"])]
+
+
+def _trust(each: Row) -> list[str]:
+    found = each["trust"]
+    shares = [f"{found[name]:.0%}" for name in Verdict]
+    holds = ", ".join(f"{value:.0%}" for value in found["coverage"])
+    half = ", ".join(short(value) for value in found["half"])
+    usable = f"{found['wrong']} of {found['of']:,}"
+    return [each["fault"], *shares, f"{found['missed']:.1%}", usable, holds, half]

@@ -1,14 +1,20 @@
-"""Rungs of the ladder of re-calibration: ways to choose the gains of the window to come."""
+"""Ways to keep gains right while driving, from never changing them to knowing every window.
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Protocol
+A rung chooses the gains of every window before it is driven; all but `Oracle` see only windows that
+are over, and the speed.
+"""
+
+from dataclasses import dataclass, field
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.recalibration.bank import Bank
 from tuners.recalibration.belief import Belief
+from tuners.recalibration.doubt import Doubt, doubt
 from tuners.recalibration.follower import Follower
+from tuners.recalibration.hypotheses import Knowledge
 from tuners.trust.verdict import Verdict, worst
 from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner
@@ -91,11 +97,38 @@ class Alone(Never):
 
 
 @dataclass(slots=True, eq=False)
+class Banked:
+    """The design rule at the bank's mean, which starts from what is known at the start."""
+
+    bank: Bank
+    known: Knowledge
+    doubts: list[Doubt] = field(default_factory=list)
+
+    def gains(self, course: Course, coming: Window) -> Array:
+        """At the speed to come; what is doubted of them is kept."""
+        gains = self.bank.gains(self.known, coming.theta[:, 2])
+        self.doubts.append(doubt(self.bank, self.known, gains))
+        return gains
+
+    def learn(self, before: Course, driven: Driven) -> None:
+        """One step of the bank."""
+        u = acting(self.bank.drives, before, driven)
+        self.known = self.bank.followed(self.known, u, driven.y, driven.theta[:, 2])
+
+
+@dataclass(slots=True, eq=False)
 class Filtered:
-    """The design rule at the filter's estimate, which starts from what is known at the start."""
+    """The design rule at the estimate of a filter that takes the vehicle's data as exact."""
 
     follower: Follower
     belief: Belief
+    x: Array
+    near: Array
+
+    @classmethod
+    def of(cls, follower: Follower, start: Course) -> Self:
+        """Of cars that are known at the start."""
+        return cls(follower, follower.known(start.theta), start.predicted, start.start)
 
     def gains(self, course: Course, coming: Window) -> Array:
         """At the speed to come."""
@@ -103,7 +136,11 @@ class Filtered:
 
     def learn(self, before: Course, driven: Driven) -> None:
         """One step of the filter."""
-        self.belief = self.follower.followed(self.belief, driven.estimate)
+        drives = self.follower.drives
+        u, v_x = acting(drives, before, driven), driven.theta[:, 2]
+        found, self.x = drives.estimator(u, driven.y, v_x, self.x, self.near)
+        self.near = drives.estimator.inside(found.mean)
+        self.belief = self.follower.followed(self.belief, found)
 
 
 @dataclass(slots=True, eq=False)
@@ -180,33 +217,13 @@ class TunedAlone(Never):
         self.found = np.where(usable[:, None], answer.values, driven.gains)
 
 
+def acting(assumed: Drives, before: Course, driven: Driven) -> Array:
+    """Commands (B, N) as they reach the vehicle, for all that is known of its computation delay."""
+    late = before.late[:, before.late.shape[1] - assumed.target.delay_samples :]
+    joined = np.concatenate([late, driven.u], axis=1)
+    return np.ascontiguousarray(joined[:, : driven.u.shape[1]])
+
+
 def _at_speed(drives: Drives, theta: Array, coming: Window) -> Array:
     """Gains for friction and load of some vehicles (B, 3) at the speeds to come."""
     return drives.designed(np.column_stack([theta[:, :2], coming.theta[:, 2]]))
-
-
-def ladder(drives: Drives, start: Course) -> dict[str, Rung]:
-    """Rungs from never to the oracle, for drives that start here."""
-    follower, certain = Follower.of(drives), np.tile(1e8 * np.eye(2), (len(start), 1, 1))
-    return {
-        "never re-tune": Never(drives, start),
-        "never, scheduled over speed": Scheduled(drives, start),
-        "every window alone, with the prior": Alone(drives, start),
-        "filter": Filtered(follower, follower.known(start.theta)),
-        "information bound": Bound(drives, certain, 0),
-        "one window late": Late(drives, start),
-        "oracle": Oracle(drives, start),
-    }
-
-
-def trials(drives: Drives, start: Course, tuners: Mapping[str, Tuner]) -> dict[str, Rung]:
-    """Tuners on every window alone."""
-    rungs: dict[str, Rung] = {}
-    for name, tuner in tuners.items():
-        for way, referenced, heeded in (
-            ("on every window", False, False),
-            ("with the reference", True, False),
-            ("with the reference, unless it refuses", True, True),
-        ):
-            rungs[f"`{name}` {way}"] = TunedAlone(drives, start, tuner, referenced, heeded)
-    return rungs

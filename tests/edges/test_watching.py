@@ -89,6 +89,24 @@ def test_a_car_that_is_another_one_has_left_what_is_known():
     assert watch.add(u, y, 0.01, SPEED).left
 
 
+def test_wrong_data_are_named_and_gains_suit_the_car_as_it_is():
+    softer = Vehicle(C_f=0.85 * Vehicle().C_f)
+    watch = Watch()
+    for seed in range(4):
+        _, u, y = driven(vehicle=softer, seed=seed, windows=12)
+        advice = watch.add(u, y, 0.01, SPEED, loaded=False)
+    assert "front stiffness" in advice.left
+    theta = np.array([[GRIP, LOAD, SPEED]])
+    loops = Drives.of(softer).loops(theta)
+    margins = loops.evaluate(np.array([advice.kp]), np.array([advice.Ti])).margins
+    exact = Watch(suspects={})
+    for seed in range(4):
+        _, u, y = driven(vehicle=softer, seed=seed, windows=12)
+        other = exact.add(u, y, 0.01, SPEED, loaded=False)
+    without = loops.evaluate(np.array([other.kp]), np.array([other.Ti])).margins
+    assert abs(margins.phase_margin[0] - 60) < 0.5 * abs(without.phase_margin[0] - 60)
+
+
 def test_bad_logs_cost_their_line_only(tmp_path):
     log(tmp_path / "a.csv")
     write(tmp_path / "b.csv", {"t": 0.01 * np.arange(900.0), "steer": np.zeros(900),
@@ -125,6 +143,10 @@ def test_margins_not_as_promised_are_called_out(tmp_path):
     assert abs(found["crossover"]["value"] - truth.crossover[0]) < 0.2
     promised = truth.phase_margin[0], truth.crossover[0]
     flags += "--phase-margin", promised[0], "--crossover", promised[1]
-    code, out, _ = call("check", path, *flags)
-    assert code == TRUSTED and "As promised." in out
+    kept = 0  # intervals are 90 %: of four drives one may miss
+    for seed in range(4):
+        path = log(tmp_path / f"loop{seed}.csv", gains=(kp, Ti), seed=seed)
+        code, out, _ = call("check", path, *flags)
+        kept += code == TRUSTED and "As promised." in out
+    assert kept >= 3
     refused(WRONG, "check", path, "--kp", kp)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import norm
 
-from tuners.recalibration.belief import Belief, Motion, follow
+from tuners.recalibration.belief import Belief, Motion, follow, weighed
 from tuners.recalibration.follower import Follower
 from yawrate_env.signals.streams import stream
 from yawrate_env.vehicle.drive_conditions import START_INTEGERS, WINDOW_INTEGERS
@@ -49,6 +49,30 @@ def test_two_hypotheses_have_the_moments_of_the_mixture():
         share = (moved * likelihood).sum() / ((stay + moved) * likelihood).sum()
         assert abs(found.jumped[b] - share) < 1e-6
     assert found.jumped.min() < 0.03 and found.jumped.max() > 0.999
+
+
+def test_evidence_is_the_integral_over_both_hypotheses():
+    measured, deviation, walk, wide = np.linspace(-1.5, 4, 12), 0.3, 0.2, 2.0
+    belief = Belief(np.zeros((12, 1)), np.full((12, 1, 1), 0.1), np.zeros(12))
+    motion = Motion(np.full((12, 1), walk**2), 0.05, 0, 1.0, wide**2)
+    information = np.full((12, 1, 1), deviation**-2)
+    _, found = weighed(belief, motion, information, measured[:, None] / deviation**2)
+    z = np.linspace(-15, 15, 60_001)
+    prior = 0.95 * norm.pdf(z, 0, np.sqrt(0.1 + walk**2)) + 0.05 * norm.pdf(z, 1, wide)
+    for y, evidence in zip(measured, found, strict=True):
+        exponent = z * (y - z / 2) / deviation**2  # but for what does not depend on z
+        assert abs(np.log((prior * np.exp(exponent)).sum() * (z[1] - z[0])) - evidence) < 1e-6
+
+
+def test_coordinates_that_are_not_live_stay():
+    rng = np.random.default_rng(0)
+    belief = Belief(rng.standard_normal((4, 3)), np.tile(np.eye(3), (4, 1, 1)), np.zeros(4))
+    F, i = np.tile(np.eye(3), (4, 1, 1)), rng.standard_normal((4, 3))
+    motion = Motion(np.zeros((4, 3)), 0.1, 0, 0.0, 1.0)
+    found, _ = weighed(belief, motion, F, i, np.full(4, 2))
+    np.testing.assert_array_equal(found.mean[:, 2], belief.mean[:, 2])
+    np.testing.assert_array_equal(found.covariance[:, 2], belief.covariance[:, 2])
+    assert (found.mean[:, :2] != belief.mean[:, :2]).all()
 
 
 def drive(follower, windows, count, gains_of):

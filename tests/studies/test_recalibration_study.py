@@ -7,13 +7,8 @@ import pytest
 
 import tuners
 from studies import recalibration, recalibration_agent, recalibration_page
-from studies.recalibration import (
-    begun,
-    interface,
-    ride,
-    row,
-)
-from studies.recalibration_rungs import ladder, trials
+from studies.recalibration import begun, interface, ladder, ride, row, trials
+from studies.recalibration_faults import FAULTS
 from yawrate_env.vehicle.drives import Drives
 
 
@@ -48,10 +43,20 @@ def test_tuners_answer_every_window_or_leave_gains_alone(short):
 
 
 def test_a_fault_is_in_the_drives_and_not_in_the_estimator():
-    true, assumed = recalibration.faulty("front stiffness − 10 %")
+    assumed = Drives.of()
+    true = FAULTS["front stiffness − 10 %"].of(assumed)
     assert true.vehicle.C_f == pytest.approx(0.9 * assumed.vehicle.C_f)
     assert true.estimator == assumed.estimator
-    assert recalibration.faulty("gyro noise × 2")[0].conditions.noise > assumed.conditions.noise
+    assert FAULTS["gyro noise × 2"].of(assumed).conditions.noise > assumed.conditions.noise
+    falling = FAULTS["front stiffness falls by 15 %"].drives(assumed, 49)
+    assert falling.vehicle.C_f == pytest.approx(0.85 * assumed.vehicle.C_f)
+
+
+def test_a_sensors_gain_is_in_loop_and_margins():
+    usual, theta = Drives.of(), np.array([[0.8, 100.0, 20.0]])
+    stronger = FAULTS["gyro gain + 10 %"].of(usual)
+    first, second = (each.designed(theta)[0] for each in (usual, stronger))
+    np.testing.assert_allclose(second, first / [1.1, 1], rtol=1e-6)
 
 
 def test_a_policy_is_a_rung_that_keeps_the_gains_of_the_start_at_first(short):
@@ -86,8 +91,12 @@ def test_speed_and_page():
             "return": value, "cost": value, "unstable": 0}  # fmt: skip
     names = "never re-tune", "never, scheduled over speed", "filter"
     rows = [each | {"rung": name, "seconds": 1.0} for name in names]
-    fault = {"fault": "none", "never": each, "scheduled": each, "filter": each}
+    trust = dict.fromkeys(("usable", "usable_with_care", "refuse", "missed"), 0.25)
+    trust |= {"wrong": 3, "of": 1234, "coverage": [0.9, 0.95], "half": [2.0, 0.05]}
+    ways = "never", "scheduled", "filter, data as exact", "filter"
+    fault = {"fault": "none", "trust": trust, **dict.fromkeys(ways, each)}
     page = recalibration_page.page(
         {"seed": 7, "learned": 9, "rows": rows, "faults": [fault], "speed": speed}
     )
     assert "| filter | 1 (0.5 to 2) |" in page and "seed 7" in page
+    assert "| 3 of 1,234 | 90%, 95% |" in page

@@ -95,7 +95,9 @@ def _plant(file: Path | None) -> tuple[Plant, Task | None]:
 
 def _modelled(task: Task, drive: Log, gains: tuple[float, float]) -> tuple[Array, Array] | None:
     """Margins on the vehicle that explains the drive, and deviations; None where none does."""
-    advice = Watch(drives_of(task), gains).add(drive.u, drive.y, drive.Ts, drive.measured["v_x"])
+    advice = Watch(drives_of(task), gains, suspects={}).add(
+        drive.u, drive.y, drive.Ts, drive.measured["v_x"]
+    )
     if advice.left:
         return None
     metrics, spread = np.array([advice.phase_margin, advice.crossover]).T

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from yawrate_env.compiled import kernel, subkernel
+
 Array = NDArray[np.float64]
 
 
@@ -62,46 +64,140 @@ class Motion:
     mean: float
     variance: float
 
-    def walked(self, belief: Belief) -> Belief:
-        """Before the next window, if nothing jumps."""
-        added = self.walk[:, None] * np.eye(self.walk.shape[1])
-        return Belief(belief.mean, belief.covariance + added, np.zeros(len(belief)))
-
-    def forgotten(self, belief: Belief) -> Belief:
-        """If the coordinate jumps: only of the others something is left known."""
-        i, mean, covariance = self.coordinate, belief.mean.copy(), belief.covariance.copy()
-        mean[:, i] = self.mean
-        covariance[:, i], covariance[:, :, i] = 0.0, 0.0
-        covariance[:, i, i] = self.variance
-        return Belief(mean, covariance, np.ones(len(belief)))
-
 
 def follow(belief: Belief, motion: Motion, F: Array, i: Array) -> Belief:
     """The belief after one more window with information F (B, q, q), and i = F z (B, q)."""
-    walked = motion.walked(belief)
-    stay, log_stay = _updated(walked, F, i)
-    moved, log_moved = _updated(motion.forgotten(walked), F, i)
-    odds = np.log(motion.jump) - np.log1p(-motion.jump) + log_moved - log_stay
-    share = 1 / (1 + np.exp(-np.clip(odds, -700.0, 700.0)))
-    return _merged(stay, moved, share)
+    return weighed(belief, motion, F, i)[0]
 
 
-def _updated(belief: Belief, F: Array, i: Array) -> tuple[Belief, Array]:
-    """Posterior, and the logarithm (B,) of the evidence but for what all hypotheses share."""
-    m, P = belief.mean, belief.covariance
-    after = np.asarray(np.linalg.inv(np.linalg.inv(P) + F), dtype=np.float64)
-    Fm = (F * m[:, None]).sum(axis=2)
-    pull = i - Fm
-    step = (after * pull[:, None]).sum(axis=2)
-    J = (m * (Fm - 2 * i)).sum(axis=1) - (pull * step).sum(axis=1)
-    _, log_determinant = np.linalg.slogdet(np.eye(F.shape[1]) + P @ F)
-    return Belief(m + step, after, belief.jumped), -(J + log_determinant) / 2
+def weighed(
+    belief: Belief, motion: Motion, F: Array, i: Array, live: NDArray[np.int64] | None = None
+) -> tuple[Belief, Array]:
+    """`follow`, and the logarithm (B,) of the evidence but for what all beliefs share.
+
+    Parameters
+    ----------
+    live : (B,) int64, optional
+        How many of the coordinates there are, where it is not all; the others stay.
+    """
+    count, q = belief.mean.shape
+    jump = np.broadcast_to(np.asarray(motion.jump, dtype=np.float64), (count,))
+    live = np.full(count, q) if live is None else live
+    mean, covariance = belief.mean.copy(), belief.covariance.copy()
+    share, evidence = np.empty(count), np.empty(count)
+    _follow(
+        *(belief.mean, belief.covariance, motion.walk, F, i, live, np.log(jump), np.log1p(-jump)),
+        *(motion.coordinate, motion.mean, motion.variance, mean, covariance, share, evidence),
+    )
+    return Belief(mean, covariance, share), evidence
 
 
-def _merged(a: Belief, b: Belief, share: Array) -> Belief:
-    """One normal distribution for mixtures with shares (B,) of the second."""
-    w = share[:, None]
-    apart = b.mean - a.mean
-    between = (w * (1 - w))[..., None] * apart[:, :, None] * apart[:, None]
-    covariance = (1 - w[..., None]) * a.covariance + w[..., None] * b.covariance + between
-    return Belief((1 - w) * a.mean + w * b.mean, covariance, share)
+@kernel
+def _follow(
+    m: NDArray[np.float64],
+    P: NDArray[np.float64],
+    walk: NDArray[np.float64],
+    F: NDArray[np.float64],
+    i: NDArray[np.float64],
+    live: NDArray[np.int64],
+    log_jump: NDArray[np.float64],
+    log_stay: NDArray[np.float64],
+    coordinate: int,
+    anywhere: float,
+    width: float,
+    mean: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    share: NDArray[np.float64],
+    evidence: NDArray[np.float64],
+) -> None:
+    """Both hypotheses and their mixture, row by row."""
+    most = m.shape[1]
+    W, stay, moved = np.empty((most, most)), np.empty((most, most)), np.empty((most, most))
+    before, pull = np.empty((most, most)), np.empty(most)
+    here, there, start = np.empty(most), np.empty(most), np.empty(most)
+    for b in range(len(m)):
+        q = live[b]
+        for r in range(q):
+            start[r] = m[b, r]
+            for c in range(q):
+                before[r, c] = P[b, r, c]
+            before[r, r] += walk[b, r]
+        staying = log_stay[b] + _updated(start, before, F[b], i[b], q, W, pull, here, stay)
+        start[coordinate] = anywhere
+        for r in range(q):
+            before[r, coordinate], before[coordinate, r] = 0.0, 0.0
+        before[coordinate, coordinate] = width
+        moving = log_jump[b] + _updated(start, before, F[b], i[b], q, W, pull, there, moved)
+        w = 1 / (1 + np.exp(min(max(staying - moving, -700.0), 700.0)))
+        share[b] = w
+        high, low = max(staying, moving), min(staying, moving)
+        evidence[b] = high + np.log1p(np.exp(low - high))
+        for r in range(q):
+            mean[b, r] = (1 - w) * here[r] + w * there[r]
+            for c in range(q):
+                apart = (there[r] - here[r]) * (there[c] - here[c])
+                covariance[b, r, c] = (1 - w) * (stay[r, c] + w * apart) + w * moved[r, c]
+
+
+@subkernel
+def _updated(
+    m: NDArray[np.float64],
+    P: NDArray[np.float64],
+    F: NDArray[np.float64],
+    i: NDArray[np.float64],
+    q: int,
+    W: NDArray[np.float64],
+    pull: NDArray[np.float64],
+    mean: NDArray[np.float64],
+    X: NDArray[np.float64],
+) -> float:
+    """Mean and covariance X after a window, and the logarithm of the evidence.
+
+    ``P+ = (1 + P F)^-1 P`` by elimination with pivots, whose product is the determinant.
+    """
+    J = 0.0
+    for r in range(q):
+        for c in range(q):
+            W[r, c], X[r, c] = 0.0, P[r, c]
+        W[r, r] = 1.0
+        for k in range(q):
+            for c in range(q):
+                W[r, c] += P[r, k] * F[k, c]
+        Fm = 0.0
+        for c in range(q):
+            Fm += F[r, c] * m[c]
+        pull[r] = i[r] - Fm
+        J += m[r] * (Fm - 2 * i[r])
+    logarithm = 0.0
+    for k in range(q):
+        best = k
+        for r in range(k + 1, q):
+            if abs(W[r, k]) > abs(W[best, k]):
+                best = r
+        if best != k:
+            for c in range(q):
+                W[k, c], W[best, c] = W[best, c], W[k, c]
+                X[k, c], X[best, c] = X[best, c], X[k, c]
+        logarithm += np.log(abs(W[k, k]))
+        for r in range(k + 1, q):
+            factor = W[r, k] / W[k, k]
+            for c in range(k + 1, q):
+                W[r, c] -= factor * W[k, c]
+            for c in range(q):
+                X[r, c] -= factor * X[k, c]
+    for k in range(q - 1, -1, -1):
+        for r in range(k + 1, q):
+            for c in range(q):
+                X[k, c] -= W[k, r] * X[r, c]
+        for c in range(q):
+            X[k, c] /= W[k, k]
+    for r in range(q):
+        for c in range(r):
+            X[r, c] = X[c, r] = 0.5 * (X[r, c] + X[c, r])
+    for r in range(q):
+        step = 0.0
+        for c in range(q):
+            step += X[r, c] * pull[c]
+        mean[r] = m[r] + step
+        J -= pull[r] * step
+    return -0.5 * (J + logarithm)

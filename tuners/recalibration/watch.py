@@ -1,10 +1,10 @@
 """Watch one car's recordings in time order: its friction and load, and when gains should change.
 
-Recordings are cut into windows; every window is read by prediction errors
-(`yawrate_env.vehicle.drive_estimate`), in closed loop or not, and the filter follows
-(`tuners.recalibration.follower`).  The noise is estimated from the first recordings, by maximum
-likelihood of their prediction errors.  A car has left what is known where later errors are larger
-than this noise explains, or where the windows ask for friction or load outside the prior.
+Recordings are cut into windows; a bank of filters follows them, in closed loop or not
+(`tuners.recalibration.bank`).  The noise is estimated from the first recording, by maximum
+likelihood of its prediction errors, and followed from then on.  A car has left what is known where
+later errors are larger than its noise explains, where numbers of its data look wrong, or where it
+asks for friction or load outside the prior.  Gains suit wrong data that the bank recognises.
 """
 
 from collections.abc import Mapping
@@ -14,14 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from tuners.recalibration.belief import Belief
-from tuners.recalibration.follower import Follower
+from tuners.recalibration.bank import Bank
+from tuners.recalibration.hypotheses import Knowledge
 from yawrate_env import validation
 from yawrate_env.batch import take
+from yawrate_env.loop.loops import Loops
 from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, PHASE_SCALE
 from yawrate_env.vehicle.drive_estimate import Estimate, Estimator
 from yawrate_env.vehicle.drive_information import Noise, Predictor
+from yawrate_env.vehicle.drive_slopes import Past
 from yawrate_env.vehicle.drives import Drives
+from yawrate_env.vehicle.suspects import WORDS
 
 Array = NDArray[np.float64]
 
@@ -37,6 +40,15 @@ _MARGIN, _CROSSOVER = 0.3 * PHASE_SCALE, 0.6 * CROSSOVER_SCALE  # 3 deg and 0.15
 _DRAWS = 200
 _CERTAIN = 0.95  # of them: a share that counts as certain
 _TUNING = 40  # windows from which the noise is estimated, at most
+_SENTENCES = {
+    "late": "commands act {:.0f} ms late",
+    "offset": "the gyro is off by {:.2g} deg/s",
+    "speed": "the speed is {:+.0%} off",
+    "load": "the mass is {:+.0%} off",
+    "gain": "the gyro's gain is {:+.0%} off",
+    **{name: words + " is {:+.0%} off" for name, words in WORDS.items()},
+}
+_UNITS = {"late": 1e3, "offset": np.degrees(1.0)}  # of what is no logarithm
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,12 +98,19 @@ class Watch:
         The car, the prior, and how friction moves; the noise is only where its estimate begins.
     gains : tuple of float, optional
         kp and Ti [s] in effect; those of the first advice if omitted.
+    suspects : mapping, optional
+        What may be wrong with the data, with probabilities (`Bank.of`); empty where they are exact.
+    noise : Noise, optional
+        Of the car; estimated from its first recording if omitted.
+    known : Knowledge, optional
+        What is known of the car.
     """
 
     drives: Drives = field(default_factory=Drives.of)
     gains: tuple[float, float] | None = None
+    suspects: Mapping[tuple[str, ...], float] | None = None
     noise: Noise | None = None
-    belief: Belief | None = None
+    known: Knowledge | None = None
 
     def add(
         self,
@@ -119,52 +138,48 @@ class Watch:
             Whether the load may have changed since.
         """
         windows = _Windows.of(u, y, Ts, v_x, self.drives.conditions.window)
-        follower = self._follower(Ts, windows)
-        belief = follower.unknown(1) if self.belief is None else self.belief
-        if self.belief is not None:
-            belief = follower.loaded(belief) if loaded else belief
-        estimator, x = follower.drives.estimator, np.zeros((1, 7))
-        start, jumped, misfits, outside = belief.mean, False, [], np.zeros(2)
+        bank = self._bank(Ts, windows)
+        first = self.known is None
+        known = bank.unknown(1) if self.known is None else self.known
+        if self.known is not None:
+            known = bank.loaded(known) if loaded else known
+        known = replace(known, past=Past.rest(1, Ts))
+        jumped, misfits = False, []
         for k in range(len(windows.v_x)):
             part = slice(k, k + 1)
-            found, x = estimator(
-                windows.u[part], windows.y[part], windows.v_x[part], x, start, _STEPS
-            )
+            since, before = gap if k == 0 else None, known
+            window = windows.u[part], windows.y[part], windows.v_x[part]
+            known = bank.followed(before, *window, since, _STEPS)
             if k == 0:  # the state at the start is not known: read again from where it led
-                found, x = estimator(
-                    windows.u[part], windows.y[part], windows.v_x[part], x, start, _STEPS
-                )
-            before = belief
-            belief = follower.followed(before, found, gap if k == 0 else None)
-            if k > 0 or self.belief is not None:
-                jumped |= _jumped(before, belief) if k == 0 else bool(belief.jumped[0] > 0.5)
-            start = estimator.inside(found.mean)
-            misfits.append(float(found.misfit[0]) / windows.u.shape[1])
-            outside = np.maximum(outside, _outside(estimator, found))
-        self.belief = belief
-        return self._advice(follower, belief, windows, jumped, _left(misfits, outside))
+                settled = replace(before.past, x=known.past.x)
+                known = bank.followed(replace(before, past=settled), *window, since, _STEPS)
+            if k > 0 or not first:
+                jumped |= _jumped(bank, before, known) if k == 0 else bool(known.jumped[0] > 0.5)
+                misfits.append(bank.misfit(before, known))
+        self.known = known
+        return self._advice(bank, known, windows, jumped, _left(bank, known, misfits, first))
 
-    def _follower(self, Ts: float, windows: "_Windows") -> Follower:
+    def _bank(self, Ts: float, windows: "_Windows") -> Bank:
         """For this sampling time, with the noise of the first recording."""
         base = self.drives
         if self.noise is None:
             self.noise = estimated(replace(base.estimator, Ts=Ts), windows)
         estimator = replace(base.estimator, Ts=Ts, noise=self.noise)
-        return Follower.of(replace(base, estimator=estimator))
+        return Bank.of(replace(base, estimator=estimator), self.suspects)
 
     def _advice(
-        self, follower: Follower, belief: Belief, windows: "_Windows", jumped: bool, left: str
+        self, bank: Bank, known: Knowledge, windows: "_Windows", jumped: bool, left: str
     ) -> Advice:
         v_x = windows.v_x[-1:]
-        (gains,) = follower.gains(belief, v_x)
+        (gains,) = bank.gains(known, v_x)
         if self.gains is None:
             self.gains = float(gains[0]), float(gains[1])
-        mean, deviation, surely = _margins(follower, belief, v_x, np.array(self.gains))
-        (theta,), spread = follower.theta(belief, v_x), np.sqrt(np.diag(belief.covariance[0]))
-        mass = theta[1] + follower.drives.vehicle.M_0
+        mean, deviation, surely = _margins(bank, known, v_x, np.array(self.gains))
+        (log,), (spread,) = bank.friction_and_mass(known)
+        mu_s, mass = np.exp(log)
         return Advice(
-            (float(theta[0]), float(theta[0] * spread[0])),
-            (float(theta[1]), float(mass * spread[1])),
+            (float(mu_s), float(mu_s * spread[0])),
+            (float(mass - bank.drives.vehicle.M_0), float(mass * spread[1])),
             float(v_x[0]),
             float(gains[0]),
             float(gains[1]),
@@ -237,14 +252,11 @@ def estimated(estimator: Estimator, windows: _Windows) -> Noise:
     return noise
 
 
-def _margins(
-    follower: Follower, belief: Belief, v_x: Array, gains: Array
-) -> tuple[Array, Array, bool]:
-    """Margins of gains (2,) over the belief: means, deviations, and whether they surely miss."""
-    drives, rng = follower.drives, np.random.default_rng(0)
-    z = rng.multivariate_normal(belief.mean[0], belief.covariance[0], _DRAWS)
-    z = drives.estimator.inside(np.concatenate([belief.mean, z]))
-    loops = drives.loops(drives.estimator.theta(z, np.repeat(v_x, len(z))))
+def _margins(bank: Bank, known: Knowledge, v_x: Array, gains: Array) -> tuple[Array, Array, bool]:
+    """Margins of gains (2,) over what is known: means, deviations, and whether they surely miss."""
+    drawn = bank.drawn(known, _DRAWS, np.random.default_rng(0))
+    z, target = np.concatenate([bank.point(known), drawn]), bank.drives.target
+    loops = Loops.of(bank.reader.plants(z, np.repeat(v_x, len(z)), target.Ts), target)
     found, best = loops.evaluate(*np.tile(gains, (len(z), 1)).T), loops.design()
     reached = loops.evaluate(best.kp, best.Ti)
     metrics, wanted = (
@@ -256,26 +268,29 @@ def _margins(
     return metrics[0], spread, bool(missed[1:].mean() > _CERTAIN)
 
 
-def _jumped(before: Belief, after: Belief) -> bool:
-    """Whether friction is another one, by more than both beliefs doubt."""
-    doubt = np.sqrt(before.covariance[0, 0, 0] + after.covariance[0, 0, 0])
-    return bool(np.abs(after.mean[0, 0] - before.mean[0, 0]) > _MOVED * doubt)
+def _jumped(bank: Bank, before: Knowledge, after: Knowledge) -> bool:
+    """Whether friction is another one, by more than is doubted before and after."""
+    (was,), (doubt,) = bank.friction_and_mass(before)
+    (now,), (rest,) = bank.friction_and_mass(after)
+    return bool(np.abs(now[0] - was[0]) > _MOVED * np.hypot(doubt[0], rest[0]))
 
 
-def _outside(estimator: Estimator, found: Estimate) -> Array:
-    """By how many standard deviations a window asks for more than the prior has, (2,)."""
-    prior, spread = estimator.prior, np.sqrt(np.diag(found.covariance[0]))
-    beyond = np.maximum(prior.low - found.mean[0], found.mean[0] - prior.high)
-    return np.asarray(np.maximum(beyond, 0.0) / spread)
-
-
-def _left(misfits: list[float], outside: Array) -> str:
+def _left(bank: Bank, known: Knowledge, misfits: list[float], first: bool) -> str:
     """Why a car is no longer what is known; empty if it is."""
-    typical = float(np.median(misfits))
+    typical = 1.0 if first else float(np.median(misfits))
     if typical > _TIMES:
         return f"prediction errors have {typical:.1f} times the energy that noise explains"
-    names: Mapping[str, float] = dict(zip(("friction", "load"), outside, strict=True))
-    for name, far in names.items():
-        if far > _FAR:
-            return f"{name} lies {far:.0f} standard deviations outside the prior"
+    if bank.foreign(known)[0]:
+        return "its noise is of another kind than the vehicle file's"
+    wrong = bank.wrong(known)
+    if wrong:
+        said = (_SENTENCES[name].format(value * _UNITS[name] if name in _UNITS else np.expm1(value))
+                for name, value in wrong.items())  # fmt: skip
+        return "the vehicle's data look wrong: " + ", ".join(said)
+    prior = bank.drives.estimator.prior
+    (mean,), (spread,) = bank.friction_and_mass(known)
+    far = np.maximum(prior.low - mean, mean - prior.high) / spread
+    for name, off in zip(("friction", "load"), far, strict=True):
+        if off > _FAR:
+            return f"{name} lies {off:.0f} standard deviations outside the prior"
     return ""

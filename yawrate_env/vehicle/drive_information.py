@@ -101,7 +101,7 @@ class Predictor:
         column = np.append(plant.B, np.zeros((len(plant), 1)), axis=1)
         A, B = whole[:count], column[:count]
         fresh = noise.disturbance**2 * (1 - share**2)
-        K, variance = kalman(A, row, fresh, noise.gyro**2) if gain is None else gain
+        K, variance = _gains(A, row, fresh, noise) if gain is None else gain
         c = np.trace(A, axis1=1, axis2=2) / n
         found = polynomials(whole, column, row, np.tile(c, 3))
         alpha, beta, rows = (each[:count] for each in found)
@@ -174,6 +174,13 @@ def _joined(A: Array, B: Array, share: float) -> Array:
     whole = np.zeros((len(A), n + 1, n + 1))
     whole[:, :n, :n], whole[:, :n, n], whole[:, n, n] = A, B, share
     return whole
+
+
+def _gains(A: Array, row: Array, fresh: float, noise: Noise) -> tuple[Array, Array]:
+    """Gains and variances where noise of variance `fresh` enters the last state."""
+    Q = np.zeros_like(A)
+    Q[:, -1, -1] = fresh
+    return kalman(A, row, Q, noise.gyro**2)[:2]
 
 
 def _applied(M: Array, v: Array) -> Array:

@@ -5,7 +5,7 @@ margins that the gains have on the vehicle as it is in the window, and what the 
 friction and load (`drive_estimate`).  Everything is batched over B cars.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -119,12 +119,15 @@ class Drives:
         Of the loops; its sampling time is the logger's.
     estimator : Estimator
         What reads the windows.
+    gain : float
+        Of the yaw-rate sensor, in loop and log.
     """
 
     vehicle: Vehicle
     conditions: Conditions
     target: Target
     estimator: Estimator = field(repr=False)
+    gain: float = 1.0
 
     @classmethod
     def of(
@@ -145,7 +148,8 @@ class Drives:
 
     def loops(self, theta: Array) -> Loops:
         """Loops around vehicles (B, 3)."""
-        return Loops.of(plants(self.vehicle, context_of(theta), self.target.Ts), self.target)
+        found = plants(self.vehicle, context_of(theta), self.target.Ts)
+        return Loops.of(replace(found, C=self.gain * found.C), self.target)
 
     def designed(self, theta: Array) -> Array:
         """Gains (B, 2) of the design rule; ``nan`` where it has none."""

@@ -12,24 +12,25 @@ _CONVERGED = 1e-5  # relative, of the last but one doubling: its square is left
 _BLOCK = 32
 
 
-def kalman(A: Array, C: Array, fresh: float, white: float) -> tuple[Array, Array]:
-    """Stationary predictor gains (B, n) and variances (B,) of the prediction error.
+def kalman(A: Array, C: Array, Q: Array, white: float) -> tuple[Array, Array, Array]:
+    """Stationary predictor gains (B, n), variances (B,) of errors, covariances (B, n, n) of states.
 
-    Noise of variance `fresh` enters the last state, of variance `white` the output.  The Riccati
+    Noise of covariance Q (B, n, n) enters the states, of variance `white` the output.  The Riccati
     equation is solved by structured doubling (Chu, Fan and Lin, 2005), which converges as Newton's
     rule does.
     """
-    K, variance = np.empty(A.shape[:2]), np.empty(len(A))
+    K, variance, P = np.empty(A.shape[:2]), np.empty(len(A)), np.empty(A.shape)
 
     def some(i: int, j: int) -> None:
-        _kalman(A[i:j], C, fresh, white, K[i:j], variance[i:j])
+        _kalman(A[i:j], C, Q[i:j], white, K[i:j], variance[i:j], P[i:j])
 
     over_blocks(some, len(A), _BLOCK)
-    return K, variance
+    return K, variance, P
 
 
 @kernel
-def _times(P: NDArray[np.float64], Q: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+def times(P: NDArray[np.float64], Q: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    """The product of two matrices."""
     n = len(P)
     for i in range(n):
         for j in range(n):
@@ -70,10 +71,11 @@ def _solved(W: NDArray[np.float64], X: NDArray[np.float64]) -> None:
 def _kalman(
     A: NDArray[np.float64],
     C: NDArray[np.float64],
-    fresh: float,
+    Q: NDArray[np.float64],
     white: float,
     K: NDArray[np.float64],
     variance: NDArray[np.float64],
+    covariance: NDArray[np.float64],
 ) -> None:
     """Doubling of F = A', G = C'C/white and H: H tends to the covariance of the state."""
     n = A.shape[1]
@@ -90,10 +92,9 @@ def _kalman(
             for j in range(n):
                 F[i, j] = A[b, j, i]
                 G[i, j] = C[i] * C[j] / white
-                H[i, j] = 0.0
-        H[n - 1, n - 1] = fresh
+                H[i, j] = Q[b, i, j]
         for _ in range(_DOUBLINGS):
-            _times(G, H, W)
+            times(G, H, W)
             for i in range(n):
                 W[i, i] += 1.0
                 for j in range(n):
@@ -102,7 +103,7 @@ def _kalman(
             for i in range(n):
                 for j in range(n):
                     left[i, j], right[i, j] = both[i, j], both[i, n + j]
-            _times(H, left, part)  # H W^-1 F
+            times(H, left, part)  # H W^-1 F
             change = 0.0
             for i in range(n):  # H += F' H W^-1 F
                 for j in range(n):
@@ -114,7 +115,7 @@ def _kalman(
                 for j in range(n):
                     H[i, j] += 0.5 * (other[i, j] + other[j, i])
                 change = max(change, other[i, i] / (H[i, i] + 1e-300))
-            _times(F, right, part)  # G += F W^-1 G F'
+            times(F, right, part)  # G += F W^-1 G F'
             for i in range(n):
                 for j in range(n):
                     total = 0.0
@@ -124,7 +125,7 @@ def _kalman(
             for i in range(n):
                 for j in range(n):
                     G[i, j] += 0.5 * (other[i, j] + other[j, i])
-            _times(F, left, part)  # F = F W^-1 F
+            times(F, left, part)  # F = F W^-1 F
             for i in range(n):
                 for j in range(n):
                     F[i, j] = part[i, j]
@@ -134,7 +135,7 @@ def _kalman(
         for i in range(n):
             for j in range(n):
                 total += C[i] * H[i, j] * C[j]
-        variance[b] = total
+        variance[b], covariance[b] = total, H
         for i in range(n):
             gain = 0.0
             for j in range(n):

@@ -12,7 +12,7 @@ from yawrate_env.vehicle.task import Task
 
 Array = NDArray[np.float64]
 
-_CONSTANTS = {
+WORDS = {
     "J_z": "yaw inertia",
     "C_f": "front stiffness",
     "C_r": "rear stiffness",
@@ -23,6 +23,7 @@ _CONSTANTS = {
     "omega_n": "actuator bandwidth",
     "xi": "actuator damping",
 }
+"""Of a vehicle's constants."""
 _ABSENT = 0.15  # of a relaxation length
 _LATEST = 0.25  # s
 _DRIVE = "Correct the vehicle's data, or let the prior cover it."
@@ -41,7 +42,7 @@ def suspects(task: Task) -> tuple[Suspect, ...]:
             0.02 * nominal,
             _Changed(words, nominal),
         )
-        for name, words in _CONSTANTS.items()
+        for name, words in WORDS.items()
         if name not in given
     ]
     rate = 2.0
