@@ -26,6 +26,10 @@ are in `off_design.json`. A miss is a loop that is unstable, or farther from the
 it bounds the tuners: white noise, and all but friction and mass known. In brackets: the error as a
 multiple of it.
 
+Offsets and starts in mid-drive are taken out as `tune` does it. A recording of a second or two says
+little of either: a few that start from rest are taken for such a start, and their errors, most of
+them refused, make most of the root mean square there.
+
 ## Phase margin: rms error [°] (× the bound)
 
 {phase_margins}
