@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command import log_of, result_of
+from matplotlib.figure import Figure
 from pages import Checked, check_whole
 
 from tuners.cli.report import render
+from tuners.cli.report.figures import HALF, Traces, recording, svg
 from tuners.cli.report.residuals import autocorrelation, cross_correlation
 from yawrate_env.plant.responses import ClosedLoop, Response
 
@@ -31,6 +33,21 @@ def text_of(page):
 
 def test_the_page_is_whole_and_loads_nothing(page, name):
     check_whole(page, pictures={"vehicle": 6, "lag": 4}[name])
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e6])
+def test_pictures_are_drawn_once_with_all_labels_inside_and_aligned(monkeypatch, scale):
+    draw, drawn = Figure.draw, []
+    monkeypatch.setattr(Figure, "draw", lambda self, to: (drawn.append(self), draw(self, to)))
+    u, y = np.sin(np.arange(200.0)), scale * np.cos(np.arange(200.0))
+    labels = "valve [%]", "a long name of an output [m]"
+    picture = recording(Traces(3.0, 0.01, u, y, 0.98 * y, labels), HALF)
+    svg(picture, "recording")
+    assert drawn == [picture]
+    box, size = picture.get_tightbbox(), picture.get_size_inches()
+    assert (box.min >= 0).all() and (box.max <= size).all()
+    ends = [axes.yaxis.label.get_window_extent().x1 for axes in picture.axes]
+    assert np.ptp(ends) < 0.01
 
 
 def test_the_same_result_gives_the_same_page_and_names_cannot_break_it():
