@@ -207,3 +207,11 @@ def test_a_search_on_a_slow_plant_is_the_same_killed_or_not_for_any_workers(
         with pytest.raises(Killed):
             trained("killed", 2)
     assert trained("killed", 2) == whole
+
+
+def test_a_learner_that_further_plants_find_near_the_bound_stays(small, monkeypatch):
+    monkeypatch.setattr(recipe_search._Held, "ratio", lambda held, stages: np.array([1.0, 1.05]))
+    with pytest.warns(UserWarning, match="bound"):
+        tuner = tuners.train(described(simulate=rough), **FEW)
+    assert tuner.training["answers"] == "METHOD"
+    assert [row["stage"] for row in tuner.training["search"]["tried"]] == ["usual"]
