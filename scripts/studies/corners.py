@@ -79,11 +79,16 @@ def write(
         "parts": measured(tuner, count, seed),
     }
     write_text(path, json.dumps(found, indent=1) + "\n")
-    sections = (f"## {key}\n\n{section(part)}" for key, part in sorted(found.items()))
-    write_text(results / "corners.md", "\n\n".join([HEADING, *sections]) + "\n")
+    write_text(results / "corners.md", page(found))
     if readme is not None:
         write_text(readme, updated(readme.read_text(), "corners", section(found[name])))
     return section(found[name])
+
+
+def page(found: Mapping[str, Mapping[str, Any]]) -> str:
+    """Every plant's section."""
+    sections = (f"## {name}\n\n{section(part)}" for name, part in sorted(found.items()))
+    return "\n\n".join([HEADING, *sections]) + "\n"
 
 
 def section(found: Mapping[str, Any]) -> str:

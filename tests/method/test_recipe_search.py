@@ -184,6 +184,9 @@ def test_a_search_on_a_slow_plant_is_the_same_killed_or_not_for_any_workers(
 ):
     monkeypatch.setattr("tuners.tuner.recipes.plants_for", lambda plant: 128)
     monkeypatch.setattr("tuners.catalogue.plants_for", lambda plant: 128)
+    monkeypatch.setattr("tuners.tuner.recipes.NEURONS", 4)
+    for module in ("against_bound", "training"):
+        monkeypatch.setattr(f"tuners.tuner.{module}.EPISODES", 64)
 
     def trained(name, workers):
         tuner = tuners.train(slow, calibration=60, alone=True, workers=workers,
@@ -196,11 +199,19 @@ def test_a_search_on_a_slow_plant_is_the_same_killed_or_not_for_any_workers(
     calls.clear()
     whole = trained("whole", 1)
     first = len(calls)
-    # 640 of steps, 256 to judge with at up to 5 each, 128 to check with; and 128, 256, 512 to learn
-    # from, 128 held out.
-    assert first < 3000
+    # 640 of steps, 128 to judge with at up to 5 each, 128 to check with; and 512 to learn from, 128
+    # held out, 32 whose pole is sought.
+    assert first < 2100
     with monkeypatch.context() as patch:
         patch.setattr(recipe_search, "fit", lambda *_, **__: (_ for _ in ()).throw(Killed))
         with pytest.raises(Killed):
             trained("killed", 2)
     assert trained("killed", 2) == whole
+
+
+def test_a_learner_that_further_plants_find_near_the_bound_stays(small, monkeypatch):
+    monkeypatch.setattr(recipe_search._Held, "ratio", lambda held, stages: np.array([1.0, 1.05]))
+    with pytest.warns(UserWarning, match="bound"):
+        tuner = tuners.train(described(simulate=rough), **FEW)
+    assert tuner.training["answers"] == "METHOD"
+    assert [row["stage"] for row in tuner.training["search"]["tried"]] == ["usual"]

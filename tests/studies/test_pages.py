@@ -12,6 +12,7 @@ from studies import (
     channels,
     closed_loops_page,
     comparison,
+    corners,
     dataset_scale,
     leaderboard,
     learning,
@@ -116,6 +117,7 @@ PAGES = {
     "several": lambda: several_page.page(stored("several")),
     "log_files": lambda: mutations_page.page(stored("log_files")),
     "robustness": lambda: robustness_page.page(*robustness_page.read(stored("robustness"))),
+    "corners": lambda: corners.page(stored("corners")),
     "minimax": lambda: minimax.to_markdown(stored("minimax")["rows"]),
     "unknowns": lambda: unknowns_page.page(
         stored("unknowns")["rows"], **stored("unknowns")["sizes"]

@@ -93,6 +93,8 @@ class Search:
         held = _Held.of(tuner.plant, self.seed)
         assert isinstance(tuner.method, Stages)
         usual = replace(usual, ratio=held.ratio(tuner.method))
+        if errors is found.own and usual.worst <= ENOUGH:  # by chance it was a little above
+            return self._kept(tuner, [usual], usual), found
         first, pilot = self._first_stage(tuner.plant, held)
         best, grown, other = usual, [usual], None
         for candidate, trained in self._grown(tuner, held, first, usual):

@@ -34,7 +34,8 @@ def remedy(plant: Plant, errors: Errors, grown: Sequence[Candidate]) -> str:
             "undo"
         )
     found = [said for said in (_narrower(plant, errors), _more(grown)) if said]
-    return ", or ".join(found) or _OTHER
+    same = len({each.sizes.plants for each in grown}) == 1  # nothing tells whether more would help
+    return ", or ".join(found) or ("simulate more plants (--episodes), " * same + _OTHER)
 
 
 def _random(plant: Plant) -> bool:
