@@ -158,7 +158,7 @@ def positions(u: Array) -> Array:
     widths = np.where(kinds == _SLOW, 2 / (widths * len(u)), widths) * largest
     v = np.empty((len(kinds), len(u)))
     _follow(np.ascontiguousarray(u), kinds, widths, v)
-    return v[np.abs(v - u).max(axis=1, initial=0.0) > 1e-9 * largest]
+    return np.asarray(v[np.abs(v - u).max(axis=1, initial=0.0) > 1e-9 * largest])
 
 
 @kernel
