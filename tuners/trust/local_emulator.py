@@ -3,9 +3,8 @@
 The trained emulator knows the answers to the experiment.  Its answers as linear models, applied to
 the new input, lead a search near the plant behind the recording.  There the simulator is asked:
 once, and once on either side in each unknown parameter, which makes outputs of second degree.
-Their minimum is simulated, and what they err there corrects their slopes (Broyden,
-1965), a few times.
-Where that has led far, the outputs on either side are made anew, closer together.
+Their minimum is simulated, and what they err there corrects their slopes (Broyden, 1965), a few
+times.  Where that has led far, the outputs on either side are made anew, closer together.
 """
 
 from dataclasses import dataclass, field, replace
