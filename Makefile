@@ -70,7 +70,7 @@ results: reproduce accuracy robustness closed-loops ## everything in results/: a
 		--arguments '{"experiment": {"levels": 4}}' --readme docs/plants.md
 	@$(BIN)/python scripts/process_plants.py --plant fopdt --as "fopdt, multisine" --faulty 100 \
 		--arguments '{"experiment": {"kind": "multisine"}}' --readme docs/plants.md
-	@$(BIN)/python scripts/process_plants.py --plant sopdt --faulty 0 --readme docs/plants.md
+	@$(BIN)/python scripts/process_plants.py --plant sopdt --recordings 2000 --faulty 0 --readme docs/plants.md
 	@$(BIN)/python scripts/process_plants.py --plant sopdt --as "sopdt, PIDF" --faulty 0 \
 		--arguments '{"controller": "PIDF"}' --readme docs/plants.md
 	@$(BIN)/python scripts/process_plants.py --plant examples/plants/wide_lag.py --corners 500 \

@@ -21,6 +21,17 @@ def steepened(theta, u, rng):
     return by_one(simulate)(theta, u + 0.2 * u**2, rng)
 
 
+def steep(theta, u, rng):
+    """The same of many plants."""
+    return simulate(theta, u + 0.2 * u**2, rng)
+
+
+def bent(theta, u, rng):
+    """The same of one, counted."""
+    calls.append(1)
+    return steepened(theta, u, rng)
+
+
 def noisy(theta, u, rng):
     """A level that is random in the plant itself."""
     y = by_one(simulate)(theta, u, rng)

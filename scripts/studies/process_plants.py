@@ -5,7 +5,7 @@ results/process_plants.md     the same as tables
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -194,19 +194,19 @@ def overview(parts: Mapping[str, Mapping[str, Any]]) -> str:
         return summary(parts)
     heads = ("missed and usable (with care)", *(f"`{name}`" for name in tried))
     rows = [
-        (
-            fault.name,
-            *(_called_usable(row) for rows in tried.values() for row in rows
-              if row["fault"] == fault.name),
-        )
+        (fault.name, *(_called_usable(faults, fault.name) for faults in tried.values()))
         for fault in FAULTS[1:]
-    ]  # fmt: skip
+    ]
     return f"{summary(parts)}\n\n{table(heads, rows).strip()}"
 
 
-def _called_usable(row: Mapping[str, Any]) -> str:
-    usable, care = row["usable_and_missed"], row["with_care_and_missed"]
-    return f"{_percent(usable)} ({_percent(care)})"
+def _called_usable(faults: Sequence[Mapping[str, Any]], name: str) -> str:
+    """Of a fault; nothing where it was not tried."""
+    for row in faults:
+        if row["fault"] == name:
+            usable, care = row["usable_and_missed"], row["with_care_and_missed"]
+            return f"{_percent(usable)} ({_percent(care)})"
+    return ""
 
 
 def section(name: str, part: Mapping[str, Any]) -> str:
@@ -227,7 +227,7 @@ def section(name: str, part: Mapping[str, Any]) -> str:
         return said
     count = part["faults"][0]["recordings"]
     said = f"{said} {count} with each fault:\n\n{table(heads, rows).strip()}"
-    hidden = (f"{each['fault']} ({_percent(each['share'])})" for each in part["hides"])
+    hidden = (f"{each['fault']} ({_percent(each['share'])})" for each in part.get("hides", ()))
     return f"{said}\n\nHidden, as `yawrate train` says, with the share: {', '.join(hidden)}."
 
 

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 import slow_plant
 from data_sets import environment
-from first_order import described
+from first_order import TS, described
 from slow_plant import calls, linear, plant, recording, slowly
 
 import tuners
 from tuners.trust.emulator import OutputEmulator
+from tuners.tuner.emulator_check import emulator_shift
 from tuners.tuner.recording import Recording
 from tuners.tuner.simulations import STAGE, simulating, slowness
 from yawrate_env.plant.episodes import drawn, recorded
+from yawrate_env.signals.excitation import multilevel, prbs
 
 QUIET = {"progress": lambda *_: None, "workers": 1}
 FEW = {"episodes": 200, "calibration": 60}
@@ -67,6 +69,35 @@ def test_another_input_of_a_linear_plant_is_known_and_that_of_another_is_not():
     assert not emulator.knows(other[None]) and not emulator.knows(1.1 * bent.u[None])
     error = emulator(test, bent.u) - bent.respond(test)
     assert np.sqrt((error**2).mean(axis=1)).max() < 0.05 * bent.noise
+
+
+BENT = slowly(simulate=slow_plant.bent, entry="")
+INPUTS = {
+    "sequence": prbs(500, TS, 0.3, 0.8, order=9)[0],
+    "levels": multilevel(600, TS, 0.5, 1.0, 4)[0],
+    "steps": np.repeat([0.0, 0.5, 1.0, -0.5, 0.3], 120),
+}
+
+
+@pytest.fixture(scope="module")
+def bent():
+    return tuners.train(BENT, **FEW, **QUIET)
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_another_input_of_a_nonlinear_plant_takes_few_simulations_too(bent, name):
+    u, quick = INPUTS[name], described(simulate=slow_plant.steep)
+    for theta in ((0.6, 0.9), (1.3, 0.45), (1.9, 0.25)):
+        y = slow_plant.steep(np.array([theta]), u, None)[0]
+        y = y + quick.noise * np.random.default_rng(1).standard_normal(len(u))
+        calls.clear()
+        result = bent.tune(u, y)
+        assert len(calls) <= 20
+        right = tuners.load("gb", quick).tune(u, y)
+        for parameter, value in right.fit.parameters.items():
+            assert result.fit.parameters[parameter] == pytest.approx(value, rel=1e-3)
+        assert result.verdict == right.verdict
+    assert emulator_shift(bent, u=u, plants=4) < 0.05
 
 
 def test_what_was_simulated_is_not_simulated_again():

@@ -24,6 +24,7 @@ from tuners.trust.identification import (
     moved,
     output_slopes,
 )
+from tuners.trust.local_emulator import locally_emulated
 from yawrate_env.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -85,6 +86,7 @@ def fit(plant: Plant, model: BlackBox, measured: Array, start: Array) -> Fit:
     start : (B, p) float64
         Where the search starts, with the measured parameters of the recordings.
     """
+    plant = locally_emulated(plant, model, start)
     found = search(plant, model.u, model.y, start)
     theta, limits, measured = found.theta.copy(), plant.limits, plant.stacked(measured)
     settled, rows = ~model.unknown, np.flatnonzero(model.unknown)

@@ -4,7 +4,10 @@ Where a fit with the emulator's slopes has ended, one more Gauss-Newton step is 
 the simulator.  If the emulator were exact it would be none.
 """
 
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
 
 from tuners.trust.bound import metric_slopes
 from tuners.trust.fit import signals
@@ -13,6 +16,8 @@ from tuners.tuner.recording import Recording
 from tuners.tuner.tuner import Tuner
 from yawrate_env.plant.episodes import recorded
 
+Array = NDArray[np.float64]
+
 PLANTS = 32
 """Of the ``calibration`` set."""
 
@@ -20,11 +25,35 @@ MUCH = 0.3
 """Of a metric's standard deviation: a larger shift is told as a warning."""
 
 
-def emulator_shift(tuner: Tuner, seed: int = 0) -> float:
-    """Root mean square shift of the counted metrics, in their standard deviations."""
+def emulator_shift(
+    tuner: Tuner, seed: int = 0, u: Array | None = None, plants: int = PLANTS
+) -> float:
+    """Root mean square shift of the counted metrics, in their standard deviations.
+
+    Parameters
+    ----------
+    u : (N,) float64, optional
+        Input of the recordings, if not the experiment's.
+    plants : int
+        How many of the ``calibration`` set.
+    """
     plant = tuner.plant
-    block = recorded(plant, "calibration", seed, PLANTS)
-    seen = tuner.inspection.look(Recording(block.u, block.y, plant.Ts, block.theta))
+    block = recorded(plant, "calibration", seed, plants)
+    given = Recording(block.u, block.y, plant.Ts, block.theta)
+    if u is None:
+        shifts = _shifts(tuner, given)
+    else:  # an emulator for it is made of one recording
+        y = plant.respond(block.theta, u)
+        noise = np.random.default_rng(seed).standard_normal(y.shape)
+        given = replace(given, u=u[None], y=y + plant.sigma(y)[:, None] * noise)
+        parts = [given.part(slice(i, i + 1)) for i in range(len(given))]
+        shifts = np.concatenate([_shifts(tuner, part) for part in parts])
+    return float(np.sqrt((shifts[np.isfinite(shifts)] ** 2).mean()))
+
+
+def _shifts(tuner: Tuner, recording: Recording) -> Array:
+    """Of the metrics (B, f), in their standard deviations."""
+    plant, seen = tuner.plant, tuner.inspection.look(recording)
     theta, exact = seen.fit.theta, plant.with_simulator(plant.simulate)
     error, slopes = signals(exact, theta, seen.model)
     inverse, covariance = drawn_to_prior(slopes, (error**2).mean(axis=1))
@@ -32,8 +61,7 @@ def emulator_shift(tuner: Tuner, seed: int = 0) -> float:
     J = metric_slopes(plant, theta)
     variance = np.einsum("bfi,bij,bfj->bf", J, covariance, J)
     with np.errstate(divide="ignore", invalid="ignore"):
-        shift = np.einsum("bfi,bi->bf", J, step) ** 2 / variance
-    return float(np.sqrt(shift[np.isfinite(shift)].mean()))
+        return np.asarray(np.einsum("bfi,bi->bf", J, step) / np.sqrt(variance))
 
 
 def sentences(training: dict[str, object]) -> list[str]:

@@ -11,8 +11,9 @@ Array = NDArray[np.float64]
 class Emulator(Protocol):
     """Outputs of plants without a call of their simulator, close to what it would give."""
 
-    batched: bool
-    """True: it takes many plants at once, whatever the simulator does."""
+    @property
+    def batched(self) -> bool:
+        """True: it takes many plants at once, whatever the simulator does."""
 
     def __call__(self, theta: Array, u: Array, rng: Any = None) -> Array:
         """Outputs (B, N) of plants (B, p) for an input (N,) or inputs (B, N) that it knows."""
