@@ -104,10 +104,10 @@ def features_for(plant: Plant) -> Laguerre | Regularised:
     """Laguerre features with a pole that suits the plant.
 
     A network learns what a few functions leave out of one input; where every episode has an
-    input of its own it takes more functions, regularised by the prior.
+    input of its own it takes more functions, regularised by the prior, unless there are several.
     """
     most = plant.samples // 10 // len(plant.inputs_named)
-    if plant.excite is None or plant.integrating:
+    if plant.excite is None or plant.integrating or plant.rows > 2:
         return suited(plant, min(ORDER, most))
     return suited_to_any_input(plant, min(MORE, most))
 
