@@ -13,9 +13,12 @@ from tuners.trust.identification import identify
 from tuners.tuner import hidden_faults
 from tuners.tuner.recording import Recording
 from tuners.tuner.stages import Recipe
+from yawrate_env.env.tuning_env import plant_env
+from yawrate_env.env.vector_env import plant_vector_env
 from yawrate_env.plant import Plant
 from yawrate_env.plant.episodes import recorded
 from yawrate_env.plant.fingerprint import changed, fingerprint
+from yawrate_env.signals.excitation import prbs
 
 
 def alone(which):
@@ -114,6 +117,27 @@ def test_gray_box_is_on_the_bound_trusted_and_undeceived():
         y[:, j] *= 1.5
         found, _, missed = assessed(y)
         assert missed.sum() >= 35 and not (missed & found.trusted).any()
+
+
+def excited(integers):
+    """A place in the register for each input and episode."""
+    starts = np.stack([integers, integers >> np.uint64(30)], axis=1).ravel()
+    return prbs(N, TS, 8.0, 1.0, order=9, start=starts).reshape(len(integers), 2, N)
+
+
+def test_every_episode_may_have_inputs_of_its_own():
+    own = described(excite=excited)
+    block, batch = recorded(own, "test", 0, 3), plant_vector_env(3, plant=own)
+    assert block.u.shape == (3, 2, N) and (block.u[0] != block.u[1]).any()
+    obs, _ = batch.reset(seed=4)
+    for i in range(3):
+        np.testing.assert_array_equal(plant_env(own).reset(seed=4 + i)[0], obs[i])
+    assert (obs[0, :2] != obs[1, :2]).any()
+    gains, found = tuners.load("gb", own).assess(Recording(block.u, block.y, TS))
+    np.testing.assert_allclose(gains.values, own.oracle(block.theta), rtol=0.1)
+    assert (found.verdicts == 0).all()
+    with pytest.raises(ValueError, match="excite"):
+        described(excite=lambda integers: excited(integers)[:, 0])
 
 
 @pytest.mark.slow

@@ -148,10 +148,10 @@ def features_for(
     """Laguerre features, with a pole that suits the plant if none is given.
 
     A network learns what a few functions leave out of one input; where every episode has an
-    input of its own it takes more functions, regularised by the prior.
+    input of its own it takes more functions, regularised by the prior, unless there are several.
     """
     most = most_functions(plant)
-    if plant.excite is None or plant.integrating:
+    if plant.excite is None or plant.integrating or plant.rows > 2:
         return suited(plant, order or min(ORDER, most), pole)
     return suited_to_any_input(plant, order or min(MORE, most), pole)
 

@@ -20,7 +20,7 @@ Noise = float | tuple[float, ...] | Callable[[Array], Array]
 Rows = TypeVar("Rows", bound=NDArray[Any])
 
 _OF_ONE = (
-    "excite", "integrating", "in_loop", "initial", "crossover", "record", "sensitivity",
+    "integrating", "in_loop", "initial", "crossover", "record", "sensitivity",
     "linear_model", "actuator", "remarks", "suspects", "doubtful", "display", "black_box",
 )  # fmt: skip
 

@@ -79,13 +79,17 @@ class Simulator(Parameters, Channels):
         return self.with_simulator(self.emulator)
 
     def inputs(self, integers: Integers) -> Array:
-        """Inputs of B experiments, (1, N) or (B, N), from a random integer each."""
+        """Inputs of B experiments, (1, N) or (B, N), from a random integer each.
+
+        Of several inputs (1 or B, m, N).
+        """
         if self.excite is None:
             return self.u[None]
         u = validation.float_array("excite's answer", call("excite", self.excite, integers))
-        if u.ndim != 2:
+        if u.ndim != self.u.ndim + 1 or u.shape[1:-1] != self.u.shape[:-1]:
             raise ValueError(
-                f"excite's answer has shape {u.shape}. Give an input for each integer, (B, N)."
+                f"excite's answer has shape {u.shape}. Give an input for each integer, (B, N), or "
+                "of several (B, m, N)."
             )
         return u
 

@@ -31,8 +31,9 @@ def _call_all(plant: Any) -> None:
     if not np.array_equal(y, plant.answers(theta)):
         raise ValueError("simulate is random where rng is None. Use rng for all randomness.")
     if plant.excite is not None:
-        u = _checked("excite", plant.inputs(np.array([1, 2], np.uint64)), N)
-        _checked("simulate", plant.respond(theta, u), N)
+        u = plant.inputs(np.array([1, 2], np.uint64))
+        _checked("excite", u.reshape(len(u), -1), plant.u.size)
+        _checked("simulate", plant.answers(theta, u), y.shape[1])
     sigma = _checked("noise", plant.sigma(y)[:, None], 1)
     remedy = "Give standard deviations."
     validation.number("noise's lowest answer", sigma.min(), at_least=0.0, remedy=remedy)
