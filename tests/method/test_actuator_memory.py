@@ -53,8 +53,6 @@ def test_right_recordings_show_none(name):
         ("2 levels", FAULT["valve up to 7 s late"]),
         ("4 levels", FAULT["valve up to 7 s late"]),
         ("4 levels", Fault("dead band", valve=loose)),
-        ("4 levels", Fault("He", valve=skipping)),
-        ("multisine", Fault("dead band", valve=loose)),
         ("multisine", FAULT["valve with friction"]),
         ("multisine", Fault("He", valve=skipping)),
         ("multisine", Fault("Kano", valve=returning)),
