@@ -155,6 +155,8 @@ def test_other_pages_show_the_tables_of_the_results():
     assert readme.updated(guide, "process_plants", summary) == guide
     (part,) = stored("channels").values()
     assert readme.updated(guide, "channels", channels.rows_of(part)) == guide
+    (part,) = stored("corners").values()
+    assert readme.updated(guide, "corners", corners.section(part)) == guide
 
 
 def test_a_page_without_markers_is_refused():
