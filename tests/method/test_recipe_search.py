@@ -128,7 +128,9 @@ def test_recipes_of_ones_own_are_not_searched(arguments):
         tuners.train(recipe_for(lag), lag, **arguments)
 
 
-@pytest.mark.parametrize("wrong", [{"order": 0}, {"pole": -1.0}, {"neurons": 1.5}, {"plants": 0}])
+@pytest.mark.parametrize("wrong", [
+    {"order": 0}, {"pole": -1.0}, {"neurons": 1.5}, {"neurons": 10**6}, {"plants": 0},
+])  # fmt: skip
 def test_wrong_sizes_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Sizes(**wrong)

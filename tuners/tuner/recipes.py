@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from math import inf
 from typing import Any, cast
 
 import numpy as np
@@ -34,6 +35,10 @@ _SAMPLES = 10  # for each function, at least
 _BAND = 0.2, 4.0  # of the crossover: frequencies whose response is a feature
 
 
+MOST_NEURONS = 1000
+"""Beyond these Levenberg-Marquardt's matrix, the weights squared, fills a computer's memory."""
+
+
 @dataclass(frozen=True, slots=True)
 class Sizes:
     """Sizes of a recipe; what is None is the usual one.
@@ -56,9 +61,11 @@ class Sizes:
     plants: int | None = None
 
     def __post_init__(self) -> None:
-        for name in ("order", "neurons", "plants"):
+        for name, most in (("order", inf), ("neurons", MOST_NEURONS), ("plants", inf)):
             if (given := getattr(self, name)) is not None:
-                validation.count(name, given, remedy="Leave it out for the usual one.")
+                validation.count(
+                    name, given, at_most=most, remedy="Leave it out for the usual one."
+                )
         if self.pole is not None:
             validation.number("pole", self.pole, above=0.0, remedy="Give it in rad/s.")
 
