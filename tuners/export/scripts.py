@@ -55,14 +55,22 @@ def pid_block(pid: DigitalPID, *, real: str = "double", name: str = "YawratePid"
 
 
 def pi_block(pi: DigitalPI, *, real: str = "double", name: str = "YawratePid") -> str:
-    """The same of a PI."""
+    """The same block of a PI; arguments as of `pid_block`."""
     return pid_block(DigitalPID.of_pi(pi), real=real, name=name)
 
 
 def state_feedback_block(
     of: DigitalStateFeedback, *, real: str = "double", name: str = "YawrateStateFeedback"
 ) -> str:
-    """The same of a state feedback, with an input for each state."""
+    """A function block with an input for each state.
+
+    Parameters
+    ----------
+    of : DigitalStateFeedback
+        The controller.
+    real, name
+        As of `pid_block`.
+    """
     return _block("state_feedback", {"state_feedback": of}, real, name)
 
 
