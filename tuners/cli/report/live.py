@@ -7,12 +7,12 @@ and each controller: names of gains, form, and its law by rule R or a table of g
 """
 
 import shlex
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.cli.answer import bare
 from tuners.cli.report.model import Model
 from tuners.cli.report.programs import programs
 from tuners.cli.text import displayed, gain_units, ratio, unit_of
@@ -66,17 +66,12 @@ def live(result: Result, log: Log, tuner: str) -> dict[str, Any] | None:
             "margin": target.phase_margin,
             "delay": target.delay_samples,
             "asked": 0 if sliders.asked is None else sliders.asked.start,
-            "gains": _bare(result.gains),
+            "gains": bare(result.gains),
             "intervals": _intervals(result),
         },
         "known": _known(result, slowest, fastest),
         "doubt": _doubt(result),
     }
-
-
-def _bare(gains: Mapping[str, float]) -> dict[str, float]:
-    """Gains by their names without units."""
-    return {split(name)[0]: value for name, value in gains.items()}
 
 
 def _seen(model: Model) -> list[dict[str, Any]]:
