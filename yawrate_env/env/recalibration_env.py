@@ -88,7 +88,7 @@ class PIRecalibrationEnv(gymnasium.Env[Observation, Array]):
 
     After a step, of its window: `kp`, `Ti`, `changed`, `phase_margin` [deg], `crossover` [Hz],
     `gain_margin` [dB], `stable`, `oracle_kp`, `oracle_Ti`, `mu_s`, `M_delta`, `v_x`, and `cost`:
-    `1` where the loop is unstable or its phase margin below 45 deg, else `0`.  That of `reset` is
+    whether the loop is unstable or its phase margin below 45 deg, as a number.  That of `reset` is
     empty.
 
     ## Arguments

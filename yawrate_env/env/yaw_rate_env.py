@@ -80,8 +80,8 @@ class PITuningEnv(TuningEnv):
 
     After the step: `kp`, `Ti` (as applied), `clipped`, `phase_margin` [deg], `crossover`
     [Hz], `gain_margin` [dB], `stable`, `cost`, `oracle_kp`, `oracle_Ti`, `mu_s`, `M_delta`, `v_x`.
-    The info of `reset` is empty.  `cost` is for constrained learning: `1` where the loop is
-    unstable or its phase margin below 45 deg, else `0`.
+    The info of `reset` is empty.  `cost` is for constrained learning: whether the loop is
+    unstable or its phase margin below 45 deg, as a number.
 
     ## Arguments
 
