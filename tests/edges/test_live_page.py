@@ -118,7 +118,7 @@ def same_margins(told, margins):
 
 
 def test_around_the_recordings_own_response_gains_are_those_of_rule_r():
-    """Asked anew for another crossover it may weight coloured noise a little otherwise."""
+    """Request anew for another crossover it may weight coloured noise a little otherwise."""
     result, model = answer("bb")
     shown = result.response
     for at, told in zip(*asked(model, ["PI"]), strict=True):

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import click
 
+from tuners.cli.answer import plain
 from tuners.cli.arguments import POSITIVE, example, vehicle_option
 from tuners.cli.drives import drives_of, task_of, whole
 from tuners.cli.log_options import log_options
+from tuners.cli.text import VERDICTS
 from tuners.logs import LogError, Options, SelectionError, read_log
 from tuners.recalibration.watch import GAP, Advice, Watch
 from tuners.trust.intervals import GAUSSIAN
@@ -45,7 +47,9 @@ def command(
     Logs may be of open or closed loops; of a folder the files are taken in the order of their
     names.  Friction and load are followed by a filter from log to log.  A line a log says what they
     are, whether the gains in effect should change, to what, and when the car left what is known.
-    Gains that should change count as changed from the next log on.
+    It has a verdict on the gains of the design rule, with half widths of 90 % intervals of their
+    phase margin and crossover that need no exact vehicle data.  Gains that should change count as
+    changed from the next log on.
     """
     if (kp is None) != (Ti is None):
         raise click.UsageError("--kp and --Ti belong together: give both.")
@@ -97,13 +101,16 @@ def _line(path: Path, advice: Advice) -> str:
         parts.append(f"CHANGE gains to kp = {advice.kp:.4g}, Ti = {advice.Ti:.4g} s")
     else:
         parts.append("keep gains")
+    margin, crossover = advice.half_widths
+    verdict = VERDICTS[advice.verdict].lower()
+    parts.append(f"gains of the rule {verdict}: ± {margin:.1f} deg, ± {crossover:.2f} Hz")
     if advice.left:
         parts.append(f"LEFT WHAT IS KNOWN: {advice.left}; tune again from a recording")
     return "; ".join(parts)
 
 
 def _json(path: Path, advice: Advice) -> str:
-    return json.dumps({"log": path.name, **asdict(advice)})
+    return json.dumps({"log": path.name, **plain(asdict(advice))}, allow_nan=False)
 
 
 def _refused(path: Path, error: Exception, machine: bool) -> str:

@@ -33,7 +33,7 @@ from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.rules import LOOP_SHAPING
 from yawrate_env.plants.control import Control
 from yawrate_env.plants.experiment import USUAL, Experiment, Given
-from yawrate_env.plants.models import HEATER, INTEGRATOR, LAG, MOTOR, TWO_LAGS, Late
+from yawrate_env.plants.models import HEATER, INTEGRATOR, LAG, MOTOR, TWO_LAGS, ProcessModel
 
 Array = NDArray[np.float64]
 
@@ -183,7 +183,7 @@ def thermal(
 def _process(
     name: str,
     given: dict[str, Any],
-    model: Late,
+    model: ProcessModel,
     experiment: Experiment,
     control: Control,
     integrating: bool = False,
@@ -248,7 +248,7 @@ def _labels(
 class _As:
     """Parameters (B, p) as processes; the controller's hold is half a sample of dead time [s]."""
 
-    model: Late
+    model: ProcessModel
     hold: float
 
     def __call__(self, theta: Array) -> Process:
