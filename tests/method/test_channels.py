@@ -142,7 +142,7 @@ def test_every_episode_may_have_inputs_of_its_own():
 
 @pytest.mark.slow
 def test_faults_that_a_prior_hides_are_those_of_one_channel(monkeypatch):
-    """Without what crosses, an output's scale is its gain; two levels hide a limit and a dead band."""
+    """Without what crosses, a scale is a gain; two levels hide a limit and a dead band."""
     monkeypatch.setattr(hidden_faults, "PLANTS", 12)
     found = {}
     for name, made in (("apart", described(simulate=apart)), ("crossing", plant)):
