@@ -86,7 +86,7 @@ def test_simc_gives_skogestads_settings():
 
 def test_the_margins_of_a_tight_loop_are_the_rules_own():
     """L = exp(-Ls)/(2Ls): phase margin 90 deg - 1/2 rad, gain margin pi, but for the hold."""
-    plant = plants.fopdt(L=(3.0, 10.0), experiment={"Ts": 0.05, "N": 2000})
+    plant = plants.fopdt(L=(3.0, 10.0), experiment={"Ts": 0.05, "N": 2000, "bit_time": 5.0})
     theta = np.array([[1.5, 20.0, 4.0], [0.7, 15.0, 2.0]])
     values, stable = plant.evaluation(theta, plant.oracle(theta))
     assert stable.all()
@@ -133,7 +133,16 @@ def test_experiments_have_the_input_that_is_asked_for():
     ({"experiment": {"levels": 1}}, "levels"),
     ({"experiment": {"levels": 3, "kind": "multisine"}}, "levels"),
     ({"experiment": {"order": 21}}, "order"),
+    ({"experiment": {"signals": "uy"}}, "signals"),
+    ({"experiment": {"signals": ["u", 2]}}, "signal = 2"),
+    ({"experiment": {"bit_time": 1e4}}, "bit_time"),
+    ({"controller": 3}, "controller"),
+    ({"metrics": "Ms"}, "metrics"),
     ({"K": (2.0, 1.0)}, "K"),
+    ({"K": (-1.0, 2.0)}, "lowest K"),
+    ({"T": {"normal": [10.0, 10.0]}}, "lowest T"),
+    ({"L": (-1.0, 2.0)}, "lowest L"),
+    ({"L": 601.0}, "highest L"),
 ])  # fmt: skip
 def test_bad_arguments_are_named(arguments, name):
     with pytest.raises(ValueError, match=name):

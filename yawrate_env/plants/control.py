@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Self
 
 from yawrate_env import validation
+from yawrate_env.loop.controllers import CONTROLLERS
 from yawrate_env.loop.target import Target
 from yawrate_env.plant.control_loop import MARGINS
 from yawrate_env.plant.rules import LOOP_SHAPING
@@ -41,6 +42,13 @@ class Control:
     Ms: float = 1.4
     N: float = 10.0
     metrics: Sequence[Any] | Mapping[str, float] = ()
+
+    def __post_init__(self) -> None:
+        validation.one_of("controller", self.controller, tuple(CONTROLLERS))
+        if isinstance(self.metrics, str):
+            raise ValueError(
+                f"metrics = {self.metrics!r} is one name. Give a list, as in [{self.metrics!r}]."
+            )
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Self:

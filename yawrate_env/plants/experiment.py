@@ -59,7 +59,12 @@ class Experiment:
         validation.count("levels", self.levels, at_least=2, remedy="Two are the fewest.")
         if self.kind == "multisine" and self.levels != 2:
             raise ValueError(f"levels = {self.levels}: a multisine has none. Leave one out.")
-        object.__setattr__(self, "signals", tuple(self.signals))
+        names, remedy = self.signals, 'Name input and output, as in ["heater [%]", "level [cm]"].'
+        if not isinstance(names, list | tuple) or len(names) != 2:
+            raise ValueError(f"signals = {names!r} are not two names. {remedy}")
+        for name in names:
+            validation.text("signal", name, remedy=remedy)
+        object.__setattr__(self, "signals", tuple(names))
 
     def changed(self, given: "Given") -> "Experiment":
         """The experiment that is given, or this one with the settings of a mapping."""
@@ -80,6 +85,11 @@ class Experiment:
             u = multilevel(*timing, self.levels, order=self.order or RANDOM_ORDER)
         else:
             u = prbs(*timing, order=self.order or SAME_ORDER)
+        if self.N > 1 and np.ptp(u[0]) == 0:
+            raise ValueError(
+                f"bit_time = {self.bit_time:g} s is too long: the input does not change within "
+                f"{self.N * self.Ts:g} s. Give a shorter one, or more samples N."
+            )
         return np.asarray(u[0])
 
 

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from yawrate_env import validation
 from yawrate_env.loop.process_rules import Process
 from yawrate_env.plant.control_loop import MARGINS, ControlLoop
 from yawrate_env.plant.distributions import spread
@@ -38,7 +39,11 @@ from yawrate_env.plants.models import HEATER, INTEGRATOR, LAG, MOTOR, TWO_LAGS, 
 Array = NDArray[np.float64]
 
 _DEAD_TIME = "L"
-
+_MAY_BE_NONE = _DEAD_TIME, "b"
+_REVERSED = (
+    "Of a plant that falls where its input rises give the gain's size, tune with --flip-output, "
+    "and reverse the sign of the gains."
+)
 
 _MOTOR_TARGET = {"phase_margin": 60.0, "crossover": 8.0}
 _MOTOR_UNITS = {"J": "kg m2", "b": "N m s/rad", "K": "N m/A", "R": "ohm"}
@@ -193,6 +198,7 @@ def _process(
     if integrating and control.rule == "ms":
         raise ValueError("rule = 'ms' is for plants that are stable alone. Choose another.")
     prior = {of: spread(of, value) for of, value in given.items()}
+    _check_ranges(prior, experiment)
     loop = ControlLoop(
         model.discrete,
         experiment.Ts,
@@ -230,6 +236,18 @@ def _process(
         arguments={**arguments, "experiment": asdict(experiment), **control.changes},
         **settings,
     )
+
+
+def _check_ranges(prior: Mapping[str, Iterable[float]], experiment: Experiment) -> None:
+    """``ValueError`` where parameters may be negative, or the output later than the recording."""
+    for name, (low, high) in prior.items():
+        remedy = _REVERSED if name == "K" else "Give a range of positive values."
+        least = {"at_least": 0.0} if name in _MAY_BE_NONE else {"above": 0.0}
+        validation.number(f"lowest {name}", low, **least, remedy=remedy)
+        if name == _DEAD_TIME:
+            lasts = experiment.N * experiment.Ts
+            remedy = "Give it in seconds, or record for longer: N samples, every Ts."
+            validation.number(f"highest {name}", high, at_most=lasts, remedy=remedy)
 
 
 def _labels(
