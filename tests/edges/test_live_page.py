@@ -112,7 +112,7 @@ def same_margins(told, margins):
         ), name
     turn = np.inf if told["gainMargin"] is None else told["gainMargin"]
     expected = 10 ** (-margins.gain_margin[0] / 20)
-    assert 10 ** (-turn / 20) == pytest.approx(expected, rel=1e-5, abs=1e-6)
+    assert 10 ** (-turn / 20) == pytest.approx(expected, rel=1e-6, abs=1e-6)
     modulus = margins.modulus_margin[0]  # the grid ends a little before half the rate
     assert told["modulusMargin"] == pytest.approx(modulus, abs=1e-5)
 
