@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
+import tuners
 from yawrate_env import plants
 from yawrate_env.loop.simc import half_rule, simc
 from yawrate_env.plant import LogRange
@@ -147,3 +148,17 @@ def test_experiments_have_the_input_that_is_asked_for():
 def test_bad_arguments_are_named(arguments, name):
     with pytest.raises(ValueError, match=name):
         plants.fopdt(**arguments)
+
+
+@pytest.mark.parametrize("waited", [0, 120])
+def test_a_process_that_was_at_work_before_is_found_as_from_rest(waited):
+    """Input and output are counted from another zero; the log may begin before the test."""
+    plant = plants.thermal()
+    u = np.concatenate([np.zeros(waited), plant.u])
+    noise = 0.1 * np.random.default_rng(0).standard_normal(len(u))
+    y = plant.answers(np.array([[2.5, 0.012, 0.01, 12.0, 4.4]]), u[None])[0] + noise
+    tuner = tuners.load("gb", plant)
+    rested, worked = tuner.tune(u, y), tuner.tune(u + 50.0, y + 300.0)
+    assert rested.verdict == worked.verdict == "usable"
+    assert worked.gains == pytest.approx(rested.gains, rel=0.01)
+    assert worked.fit.offset == pytest.approx(300.0, abs=0.1)

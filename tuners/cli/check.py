@@ -115,8 +115,9 @@ def _text(found: Achieved, drive: Log) -> str:
         alone = found.alone[name]
         title = word.replace("_", " ").capitalize()
         lines.append(f"{title}: {value} {unit} ({ends}), promised {wanted}")
-        lines.append(f"  from the recording alone: {alone.value:.4g} ({alone.low:.4g} to "
-                     f"{alone.high:.4g})")  # fmt: skip
+        shown = f"{alone.value:.4g} ({alone.low:.4g} to {alone.high:.4g})"
+        shown = shown if np.isfinite(alone.value) else "it cannot tell"
+        lines.append(f"  from the recording alone: {shown}")
     lines += ["", MEANT[found.agreement], *(f"Note: {note}" for note in drive.notes)]
     return "\n".join(lines)
 

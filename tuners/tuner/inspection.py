@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tuners.features.laguerre import Laguerre
 from tuners.trust.basis import functions_for, left_over
-from tuners.trust.black_box import black_box
+from tuners.trust.black_box import BlackBox, black_box
 from tuners.trust.feedback import opened, projected_on
 from tuners.trust.findings import Findings
 from tuners.trust.fit import fit
@@ -24,6 +24,7 @@ from yawrate_env.plant.plant import Plant
 Array = NDArray[np.float64]
 
 _STILL = 1e-9  # of the experiment's largest input or output: smaller variations are none
+_CLOSER = 0.8  # times the residual, which chance does not make another level of the input
 
 
 class Inspection:
@@ -62,6 +63,8 @@ class Inspection:
             start = "unknown"  # what went before is in the loop; coloured noise hides it from tests
         used = self._opened(recording, theta, start)
         model = black_box(plant, self.black_box, used.u, used.y, start, used.oversampled)
+        if start == "auto" and recording.reference is None:
+            used, model = self._in_balance(used, model)
         own = self.gains(replace(used, y=plant.unstacked(model.y)))
         still = self._still(used) if method.needs_excitation else np.zeros(len(used), np.bool_)
         fitted = fit(plant, model, used.y, theta)
@@ -105,6 +108,38 @@ class Inspection:
     def unexplained(self) -> float:
         """Share of the outputs that the reference model cannot explain, of a nonlinear plant."""
         return 0.0 if self.plant.linear else left_over(self.plant.emulated(), self.black_box)
+
+    def _in_balance(self, used: Recording, model: BlackBox) -> tuple[Recording, BlackBox]:
+        """Inputs about the level at which a process was at work before, and models of them.
+
+        Where an input never passes zero, and rest there does not explain the start of a linear
+        plant's recording, the input's first value and its middle are tried for that level.  It is
+        taken where then at most a constant is needed beside the response, and that alone did not
+        do.  Plants with a target of margin and crossover settle soon: free responses do there.
+        """
+        plant, given = self.plant, used.u
+        slow = plant.linear and not plant.integrating and plant.loop_target is None
+        if not slow or plant.rows > 2:
+            return used, model
+        u = np.broadcast_to(given, (len(used), *given.shape[1:])).copy()
+        least = np.where(model.extra > 1, np.inf, _CLOSER * model.residual)
+        passes = (given.min(axis=-1) <= 0) & (given.max(axis=-1) >= 0)
+        least[(model.extra == 0) | passes] = 0.0
+        middle = (given.max(axis=-1, keepdims=True) + given.min(axis=-1, keepdims=True)) / 2
+        for level in (given[..., :1], middle):
+            about = np.broadcast_to(given - level, u.shape)
+            rows = np.flatnonzero(least > 0)
+            if not len(rows):
+                continue
+            y, oversampled = used.y[rows], used.oversampled
+            found = black_box(plant, self.black_box, about[rows], y, "auto", oversampled)
+            taken = (found.extra <= 1) & (found.residual < least[rows])
+            rows = rows[taken]
+            u[rows], least[rows] = about[rows], found.residual[taken]
+        if (u == given).all():
+            return used, model
+        used = replace(used, u=u)
+        return used, black_box(plant, self.black_box, u, used.y, "auto", used.oversampled)
 
     def _opened(self, recording: Recording, theta: Array, start: str) -> Recording:
         """Recordings at the plant's sampling time, those in a loop as if there were none."""
