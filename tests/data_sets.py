@@ -24,7 +24,7 @@ EPISODES, SHARD = 200, 50
 
 
 def wandering(theta, u, rng):
-    """An input for every episode, and a level that is random in the plant itself."""
+    """A lag whose level is random in the plant itself; only recordings have it."""
     y = simulate(theta, u, None)
     return y if rng is None else y + 0.1 * rng.standard_normal((len(theta), 1))
 

@@ -110,7 +110,7 @@ class Keep:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class RandomActions:
     """Actions drawn evenly from a box.
 
     Attributes
@@ -138,7 +138,8 @@ def own(windows: int, seeds: int, episodes: int | None, progress: Progress) -> l
         *((ENV_ID, name, lambda name=name: {0: tuners.load(name)},
            f"{learned_from(tuners.load(name)) or 'nothing'}; knows {what}")
           for name, what in _KNOWS.items()),
-        (ENV_ID, "random", lambda: {0: Drawn(low, high, np.random.default_rng(0))}, "nothing"),
+        (ENV_ID, "random", lambda: {0: RandomActions(low, high, np.random.default_rng(0))},
+         "nothing"),
         (RECALIBRATION_ID, "keep", lambda: {0: Keep()}, "nothing; knows the gains of the start"),
         (RECALIBRATION_ID, "window-alone", lambda: {0: Ruled(made, False)},
          "nothing; knows simulator and rule"),

@@ -108,7 +108,7 @@ def _agrees(printed: str, value: float) -> bool:
 
 
 def _significant(digits: str) -> int:
-    """How many a number is printed with; zeros at the end of a whole one may be none."""
+    """Number of digits that count in a printed number; zeros that end a whole one may not."""
     mantissa = digits.partition("e")[0]
     whole = "." not in mantissa
     kept = mantissa.replace(".", "").lstrip("-0")

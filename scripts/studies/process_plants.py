@@ -89,7 +89,7 @@ def right(tuner: Tuner, count: int, seed: int) -> dict[str, Any]:
 
 
 def accuracy(tuner: Tuner, theta: Array, fault: Fault, seed: int) -> dict[str, Any]:
-    """The same for recordings of plants (B, p)."""
+    """Errors over the bound, verdicts and intervals on recordings of plants (B, p)."""
     plant, found = tuner.plant, answered(tuner, theta, fault, seed)
     error, verdicts = found["error"], found["verdicts"]
     bound = cramer_rao(plant, theta)
@@ -201,7 +201,7 @@ def overview(parts: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _called_usable(faults: Sequence[Mapping[str, Any]], name: str) -> str:
-    """Of a fault; nothing where it was not tried."""
+    """Shares of usable misses (with care) of a fault; nothing where it was not tried."""
     for row in faults:
         if row["fault"] == name:
             usable, care = row["usable_and_missed"], row["with_care_and_missed"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from studies.recalibration_faults import FAULTS, Fault
 from studies.recalibration_rungs import (
     Alone,
-    Banked,
+    BankMean,
     Bound,
     Filtered,
     Late,
@@ -89,7 +89,7 @@ def filters(assumed: Drives, start: Course) -> dict[str, Rung]:
     bank, follower = Bank.of(assumed), Follower.of(assumed)
     return {
         "filter, data as exact": Filtered.of(follower, start),
-        "filter": Banked(bank, bank.known(start.theta)),
+        "filter": BankMean(bank, bank.known(start.theta)),
     }
 
 
@@ -241,7 +241,7 @@ def under(fault: Fault, count: int, seed: int) -> Row:
     true = fault.of(assumed)
     start, usual = begun(true, seed, count), interface(true)
     bank = Bank.of(assumed)
-    banked = Banked(bank, bank.known(start.theta))
+    banked = BankMean(bank, bank.known(start.theta))
     rungs: dict[str, Rung] = {"never": Never(true, start), "scheduled": Scheduled(true, start),
                               **filters(assumed, start), "filter": banked}  # fmt: skip
     rides = {name: ride(usual, rung, start, seed, fault=fault) for name, rung in rungs.items()}

@@ -62,7 +62,7 @@ class Fault:
         return replace(true, estimator=assumed.estimator, gain=self.gain)
 
     def drives(self, drives: Drives, t: int) -> Drives:
-        """In window t."""
+        """The drives in window t."""
         if not self.falls:
             return drives
         vehicle = drives.vehicle
@@ -70,7 +70,7 @@ class Fault:
             vehicle, C_f=vehicle.C_f * (1 - self.falls * t / (_WINDOWS - 1))))  # fmt: skip
 
     def course(self, course: Course, t: int) -> Course:
-        """Before window t."""
+        """The course before window t."""
         if not self.loads or t != _WINDOWS // 2:
             return course
         low, high = Conditions().M_delta

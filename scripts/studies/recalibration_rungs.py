@@ -44,11 +44,11 @@ class Never:
     start: Course
 
     def gains(self, course: Course, coming: Window) -> Array:
-        """Those."""
+        """Gains of the start."""
         return self.start.gains
 
     def learn(self, before: Course, driven: Driven) -> None:
-        """Nothing."""
+        """Learn nothing."""
 
 
 @dataclass(slots=True, eq=False)
@@ -56,7 +56,7 @@ class Scheduled(Never):
     """The gains over speed that were right for friction and load at the start."""
 
     def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come."""
+        """Gains at the speed to come."""
         return _at_speed(self.drives, self.start.theta, coming)
 
 
@@ -65,7 +65,7 @@ class Late(Never):
     """Knows friction and load of the last window: what no one can do better who cannot foresee."""
 
     def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come."""
+        """Gains at the speed to come."""
         return _at_speed(self.drives, course.theta, coming)
 
 
@@ -85,7 +85,7 @@ class Alone(Never):
     seen: bool = False
 
     def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come; before the first window those of the start."""
+        """Gains at the speed to come; before the first window those of the start."""
         if not self.seen:
             return self.start.gains
         theta = self.drives.estimator.theta(course.start, coming.theta[:, 2])
@@ -97,7 +97,7 @@ class Alone(Never):
 
 
 @dataclass(slots=True, eq=False)
-class Banked:
+class BankMean:
     """The design rule at the bank's mean, which starts from what is known at the start."""
 
     bank: Bank
@@ -105,7 +105,7 @@ class Banked:
     doubts: list[Doubt] = field(default_factory=list)
 
     def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come; what is doubted of them is kept."""
+        """Gains at the speed to come; what is doubted of them is kept."""
         gains = self.bank.gains(self.known, coming.theta[:, 2])
         self.doubts.append(doubt(self.bank, self.known, gains))
         return gains
@@ -131,7 +131,7 @@ class Filtered:
         return cls(follower, follower.known(start.theta), start.predicted, start.start)
 
     def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come."""
+        """Gains at the speed to come."""
         return self.follower.gains(self.belief, coming.theta[:, 2])
 
     def learn(self, before: Course, driven: Driven) -> None:
@@ -157,7 +157,7 @@ class Bound:
     seed: int
 
     def gains(self, course: Course, coming: Window) -> Array:
-        """At the speed to come."""
+        """Gains at the speed to come."""
         self.seed += 1
         draws = np.random.default_rng(self.seed).standard_normal((len(course), 2, 1))
         error = (np.linalg.cholesky(np.linalg.inv(self.J)) @ draws)[..., 0]
@@ -195,7 +195,7 @@ class TunedAlone(Never):
     found: Array | None = None
 
     def gains(self, course: Course, coming: Window) -> Array:
-        """As they were found."""
+        """Gains of the last answer that was usable."""
         return self.start.gains if self.found is None else self.found
 
     def learn(self, before: Course, driven: Driven) -> None:

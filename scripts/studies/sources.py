@@ -72,7 +72,7 @@ def _of_code(term: str) -> Any:
 
 
 def _default(function: Any, parameter: str) -> Any:
-    """Of a parameter of a function or of a record's field."""
+    """Default of a function's parameter or of a record's field."""
     if dataclasses.is_dataclass(function):
         (field,) = (f for f in dataclasses.fields(function) if f.name == parameter)
         if field.default_factory is not dataclasses.MISSING:

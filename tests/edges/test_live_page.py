@@ -112,13 +112,13 @@ def same_margins(told, margins):
         ), name
     turn = np.inf if told["gainMargin"] is None else told["gainMargin"]
     expected = 10 ** (-margins.gain_margin[0] / 20)
-    assert 10 ** (-turn / 20) == pytest.approx(expected, rel=1e-5, abs=1e-6)
+    assert 10 ** (-turn / 20) == pytest.approx(expected, rel=1e-6, abs=1e-6)
     modulus = margins.modulus_margin[0]  # the grid ends a little before half the rate
     assert told["modulusMargin"] == pytest.approx(modulus, abs=1e-5)
 
 
 def test_around_the_recordings_own_response_gains_are_those_of_rule_r():
-    """Asked anew for another crossover it may weight coloured noise a little otherwise."""
+    """Request anew for another crossover it may weight coloured noise a little otherwise."""
     result, model = answer("bb")
     shown = result.response
     for at, told in zip(*asked(model, ["PI"]), strict=True):

@@ -39,8 +39,8 @@ def test_the_page_is_whole_and_loads_nothing(page, name):
 def test_pictures_are_drawn_once_with_all_labels_inside_and_aligned(monkeypatch, scale):
     draw, drawn = Figure.draw, []
     monkeypatch.setattr(Figure, "draw", lambda self, to: (drawn.append(self), draw(self, to)))
-    u, y = np.sin(np.arange(200.0)), scale * np.cos(np.arange(200.0))
-    labels = "valve [%]", "a long name of an output [m]"
+    u, y = np.sin(np.arange(200.0))[None], scale * np.cos([[1.0], [1e-3]] * np.arange(200.0))
+    labels = ("valve [%]",), ("a long name of an output [m]", "level [m]")
     picture = recording(Traces(3.0, 0.01, u, y, 0.98 * y, labels), HALF)
     svg(picture, "recording")
     assert drawn == [picture]

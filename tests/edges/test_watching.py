@@ -8,7 +8,9 @@ import pytest
 from command import TRUSTED, UNTRUSTED, WRONG, call, refused
 from log_files import write
 
+from tuners.cli.text import VERDICTS
 from tuners.recalibration.watch import Watch
+from tuners.trust.verdict import Verdict
 from yawrate_env.signals.streams import stream
 from yawrate_env.vehicle.drive_conditions import START_INTEGERS, WINDOW_INTEGERS, Conditions
 from yawrate_env.vehicle.drives import Drives
@@ -48,6 +50,12 @@ def watched(*arguments):
     return [json.loads(line) for line in out.splitlines()]
 
 
+def allowed(margin, crossover):
+    """The verdict on half widths: care beyond 3 deg or 0.15 Hz, and none beyond twice that."""
+    worst = max(margin / 3, crossover / 0.15)
+    return "usable" if worst <= 1 else "usable_with_care" if worst <= 2 else "refuse"
+
+
 def test_a_jump_of_friction_changes_the_gains_and_nothing_else_does(tmp_path):
     kp, Ti = rule(GRIP)
     for day, mu_s in enumerate((GRIP, GRIP, 0.4, 0.4)):
@@ -65,6 +73,11 @@ def test_a_jump_of_friction_changes_the_gains_and_nothing_else_does(tmp_path):
     code, out, _ = call("watch", tmp_path, "--kp", kp, "--Ti", Ti)
     lines = out.splitlines()
     assert code == 0 and "CHANGE gains to kp = " in lines[2] and "keep gains" in lines[3]
+    for each, line in zip(found, lines, strict=True):
+        margin, crossover = each["half_widths"]
+        assert each["verdict"] == allowed(margin, crossover)
+        said = VERDICTS[Verdict(each["verdict"])].lower()
+        assert f"{said}: ± {margin:.1f} deg, ± {crossover:.2f} Hz" in line
 
 
 def test_noise_is_learned_from_the_first_recording():

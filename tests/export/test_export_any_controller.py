@@ -7,6 +7,7 @@ import control
 import numpy as np
 import pytest
 from c_programs import notices, passes, written
+from controller_values import TS, VALUES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
@@ -17,9 +18,6 @@ from tuners.export.forms import vendors_forms
 from tuners.export.pid_program import golden_signals, state_feedback_program
 from yawrate_env.loop.controllers import CONTROLLERS
 
-TS = 0.05
-VALUES = {"kp": 1.3, "Ki": 0.4, "Ti": 2.1, "Td": 0.4, "Tf": 0.1, "b": 0.4, "T_lead": 0.2,
-          "T_lag": 0.9}  # fmt: skip
 UNLIMITED = (-1e9, 1e9)
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from controller_values import TS, VALUES
 from small_languages import Block, Function, objects, scalars
 
 from tuners.export import DigitalPI, DigitalPID, DigitalStateFeedback, Gains, export
@@ -18,9 +19,6 @@ from tuners.export.scripts import (
 from yawrate_env.loop.controllers import CONTROLLERS
 from yawrate_env.loop.state_feedback import STATE_FEEDBACK
 
-TS = 0.05
-VALUES = {"kp": 1.3, "Ki": 0.4, "Ti": 2.1, "Td": 0.4, "Tf": 0.1, "b": 0.4, "T_lead": 0.2,
-          "T_lag": 0.9}  # fmt: skip
 STATES = DigitalStateFeedback({"k1": -2.5, "k2": 0.3}, 1.7, TS, -1.0, 2.0)
 
 

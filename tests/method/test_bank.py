@@ -5,7 +5,7 @@ import pytest
 
 from studies.recalibration import begun, interface, ride, trust
 from studies.recalibration_faults import FAULTS, Fault
-from studies.recalibration_rungs import Banked, Filtered
+from studies.recalibration_rungs import BankMean, Filtered
 from tuners.recalibration.bank import Bank
 from tuners.recalibration.doubt import ORDER, doubt
 from tuners.recalibration.follower import Follower
@@ -108,7 +108,7 @@ def ridden(fault, count=16):
     true = fault.of(assumed)
     usual, start, bank = interface(true), begun(true, 3, count), Bank.of(assumed)
     exact = ride(usual, Filtered.of(Follower.of(assumed), start), start, 3, fault=fault)
-    banked = Banked(bank, bank.known(start.theta))
+    banked = BankMean(bank, bank.known(start.theta))
     own = ride(usual, banked, start, 3, fault=fault)
     assert not own.unstable.any()
     return (*(np.nanmean(np.abs(each.errors[..., 0])) for each in (exact, own)), banked, own)

@@ -142,14 +142,14 @@ def test_every_episode_may_have_inputs_of_its_own():
 
 @pytest.mark.slow
 def test_faults_that_a_prior_hides_are_those_of_one_channel(monkeypatch):
-    """Without what crosses, an output's scale is its gain; an input of two levels hides a limit."""
+    """Without what crosses, a scale is a gain; two levels hide a limit and a dead band."""
     monkeypatch.setattr(hidden_faults, "PLANTS", 12)
     found = {}
     for name, made in (("apart", described(simulate=apart)), ("crossing", plant)):
         found[name] = [each.fault for each in hidden_faults.hidden_faults(tuners.load("gb", made))]
     assert found["crossing"] == []
     assert {"an output scaled by 1.5 (top)", "an output scaled by 1.5 (bottom)"} < {*found["apart"]}
-    assert sum("actuator" in fault and "(steam)" in fault for fault in found["apart"]) == 1
+    assert sum("actuator" in fault and "(steam)" in fault for fault in found["apart"]) == 2
 
 
 def test_offsets_of_each_output_and_other_sampling_make_no_difference():

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from first_order import described, simulate
+from data_sets import wandering
+from first_order import described
 from first_order import plant as lag
 from slow_plant import calls
 from slow_plant import plant as slow
@@ -12,7 +13,7 @@ from slow_plant import plant as slow
 import tuners
 from tuners.cli.train import recipe_table
 from tuners.tuner import recipe_search
-from tuners.tuner.against_bound import ENOUGH, Errors, Judged
+from tuners.tuner.against_bound import ENOUGH, Comparison, Errors
 from tuners.tuner.recipe_search import GROWTH, Search
 from tuners.tuner.recipes import USUAL, Candidate, Sizes, recipe_for, sizes_of
 from tuners.tuner.remedy import remedy
@@ -27,12 +28,6 @@ def small(monkeypatch):
     """A small pilot."""
     for name, value in {"_PILOT": 60, "_HELD": 64, "_EPOCHS": 8}.items():
         monkeypatch.setattr(recipe_search, name, value)
-
-
-def rough(theta, u, rng):
-    """A lag with a random level, which only recordings have."""
-    y = simulate(theta, u, None)
-    return y if rng is None else y + 0.1 * rng.standard_normal((len(theta), 1))
 
 
 def errors(plant, values, bound=1.0):
@@ -50,13 +45,13 @@ def test_a_ratio_is_of_root_mean_squares_and_a_quarter_is_the_worst_by_bound():
     assert found.ratio().max() < ENOUGH and not found.enough
     near = replace(found, values=1.05 * bound[None, :, None])
     assert near.enough and near.better_than(found) and not found.better_than(near)
-    assert Judged(found, near).refined and not Judged(near, found).refined
+    assert Comparison(found, near).refined and not Comparison(near, found).refined
     lost = np.where(np.arange(40) % 2, np.nan, near.values[0, :, 0])
     assert replace(near, values=lost[None, :, None]).ratio() == pytest.approx(1.05)
 
 
 def test_near_the_bound_nothing_is_searched(monkeypatch):
-    monkeypatch.setattr(recipe_search._Held, "of", None)
+    monkeypatch.setattr(recipe_search._Validation, "of", None)
     tuner = tuners.train(lag, sizes=Sizes(plants=300), calibration=100)
     (only,) = tuner.training["search"]["tried"]
     own = tuner.training["against_bound"]["learner"]["ratio"]
@@ -68,7 +63,7 @@ def test_near_the_bound_nothing_is_searched(monkeypatch):
 
 
 def test_where_neither_is_near_the_best_recipe_is_kept_and_a_remedy_is_told(small, tmp_path):
-    plant = described(simulate=rough)
+    plant = described(simulate=wandering)
     with pytest.warns(UserWarning, match="random"):
         tuner = tuners.train(plant, **FEW)
     tried = tuner.training["search"]["tried"]
@@ -166,7 +161,7 @@ def test_a_remedy_tells_how_many_plants_the_pilots_trend_asks_for():
     said = remedy(lag, even, grown(2.0, np.sqrt(2.5)))
     assert "--episodes 10000" in said
     assert "plants" not in remedy(lag, even, grown(1.5, 1.5))
-    assert "random" in remedy(described(simulate=rough), even, grown(2.0, 1.5))
+    assert "random" in remedy(described(simulate=wandering), even, grown(2.0, 1.5))
 
 
 def test_a_slow_plant_gets_no_more_plants_than_its_simulations_allow():
@@ -212,8 +207,10 @@ def test_a_search_on_a_slow_plant_is_the_same_killed_or_not_for_any_workers(
 
 
 def test_a_learner_that_further_plants_find_near_the_bound_stays(small, monkeypatch):
-    monkeypatch.setattr(recipe_search._Held, "ratio", lambda held, stages: np.array([1.0, 1.05]))
+    monkeypatch.setattr(
+        recipe_search._Validation, "ratio", lambda held, stages: np.array([1.0, 1.05])
+    )
     with pytest.warns(UserWarning, match="bound"):
-        tuner = tuners.train(described(simulate=rough), **FEW)
+        tuner = tuners.train(described(simulate=wandering), **FEW)
     assert tuner.training["answers"] == "METHOD"
     assert [row["stage"] for row in tuner.training["search"]["tried"]] == ["usual"]

@@ -59,6 +59,7 @@ def test_one_plant_does_not_depend_on_the_batch():
         alone = zoh(A[b : b + 1], B[b : b + 1], C, 0.01)
         np.testing.assert_array_equal(alone.A[0], together.A[b])
         np.testing.assert_array_equal(alone.B[0], together.B[b])
+    assert expm(np.empty((0, 3, 3))).shape == (0, 3, 3)
 
 
 @pytest.mark.parametrize("centre", [None, 1.0, 0.3])

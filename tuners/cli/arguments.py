@@ -75,13 +75,13 @@ class Assignment(Number):
         return name, super().convert(given, param, ctx)
 
 
-class Named(Assignment):
+class NameAndText(Assignment):
     """A name and a text, as in ``steam=valve``."""
 
     name = "name=column"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Split."""
+        """The name and the text, or wrong usage."""
         name, _, given = (part.strip() for part in str(value).partition("="))
         if not (name and given):
             self.fail(f"{value!r} is not of the form NAME=COLUMN.", param, ctx)
@@ -113,7 +113,7 @@ class Output(click.Path):
 
 
 NUMBER, POSITIVE, NONZERO = Number(), Number(positive=True), Number(nonzero=True)
-COUNT, ASSIGNMENT, NAMED = Count(positive=True), Assignment(), Named()
+COUNT, ASSIGNMENT, NAMED = Count(positive=True), Assignment(), NameAndText()
 READABLE = click.Path(exists=True, dir_okay=False, path_type=Path)
 SEED = click.IntRange(min=0)
 

@@ -230,10 +230,16 @@ def levels(u: NDArray[np.float64], name: str) -> str:
     return start + quantity(high, split(name)[1], digits=3)
 
 
+def controllers_units(plant: Plant) -> dict[str, str]:
+    """Units of the gains that any controller of the plant's loop may have."""
+    of_kp = ratio(*map(unit_of, plant.signals))
+    of_Ki = f"{of_kp}/s" if of_kp else ""
+    return {"kp": of_kp, "Ki": "" if of_kp == "s" else of_Ki} | dict.fromkeys(_TIMES, "s")
+
+
 def gain_units(plant: Plant) -> dict[str, str]:
     """Units of the gains: those in their names, or of a known controller's."""
-    input, output = map(unit_of, plant.signals)
-    known = {"kp": ratio(input, output)} | dict.fromkeys(_TIMES, "s")
+    known = controllers_units(plant)
     if controller_of(plant) in CONTROLLERS or plant.parametrisation.target is not None:
         return {name: unit_of(name) or known.get(name, "") for name in plant.gains}
     own = [

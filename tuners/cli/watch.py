@@ -6,22 +6,20 @@ from pathlib import Path
 
 import click
 
+from tuners.cli.answer import plain
 from tuners.cli.arguments import POSITIVE, example, vehicle_option
 from tuners.cli.drives import drives_of, task_of, whole
+from tuners.cli.log_files import LOGS, log_files
 from tuners.cli.log_options import log_options
+from tuners.cli.text import VERDICTS
 from tuners.logs import LogError, Options, SelectionError, read_log
 from tuners.recalibration.watch import GAP, Advice, Watch
 from tuners.trust.intervals import GAUSSIAN
 from yawrate_env.vehicle.yaw_rate import yaw_rate
 
-SUFFIXES = (".csv", ".txt", ".tsv", ".mat", ".parquet", ".mf4", ".mdf", ".dat")
-"""Of files in folders that are taken for logs."""
-
-_EXISTING = click.Path(exists=True, path_type=Path)
-
 
 @click.command(epilog=example("yawrate watch drives/ --kp 0.12 --Ti 0.21"))
-@click.argument("logs", nargs=-1, required=True, type=_EXISTING)
+@click.argument("logs", nargs=-1, required=True, type=LOGS)
 @log_options
 @vehicle_option
 @click.option("--kp", type=POSITIVE, help="kp in effect. [default: what the first log asks for]")
@@ -45,14 +43,16 @@ def command(
     Logs may be of open or closed loops; of a folder the files are taken in the order of their
     names.  Friction and load are followed by a filter from log to log.  A line a log says what they
     are, whether the gains in effect should change, to what, and when the car left what is known.
-    Gains that should change count as changed from the next log on.
+    It has a verdict on the gains of the design rule, with half widths of 90 % intervals of their
+    phase margin and crossover that need no exact vehicle data.  Gains that should change count as
+    changed from the next log on.
     """
     if (kp is None) != (Ti is None):
         raise click.UsageError("--kp and --Ti belong together: give both.")
     task = task_of(vehicle)
     watch = Watch(drives_of(task), None if kp is None or Ti is None else (kp, Ti))
     plant, options = yaw_rate(task, check=False), whole(options)
-    for path in _files(logs):
+    for path in log_files(logs):
         try:
             log = read_log(path, plant, options)
         except SelectionError as error:
@@ -65,23 +65,6 @@ def command(
         click.echo(_json(path, advice) if machine else _line(path, advice))
         if advice.change:
             watch.gains = advice.kp, advice.Ti
-
-
-def _files(paths: tuple[Path, ...]) -> list[Path]:
-    """Files, and those in folders, in the order of their names."""
-    found: list[Path] = []
-    for path in paths:
-        inside = (
-            sorted(p for p in path.iterdir() if p.suffix.lower() in SUFFIXES)
-            if path.is_dir()
-            else [path]
-        )
-        if not inside:
-            raise click.UsageError(
-                f"No logs in {path}: none of its files ends in {', '.join(SUFFIXES)}."
-            )
-        found += inside
-    return found
 
 
 def _line(path: Path, advice: Advice) -> str:
@@ -97,13 +80,16 @@ def _line(path: Path, advice: Advice) -> str:
         parts.append(f"CHANGE gains to kp = {advice.kp:.4g}, Ti = {advice.Ti:.4g} s")
     else:
         parts.append("keep gains")
+    margin, crossover = advice.half_widths
+    verdict = VERDICTS[advice.verdict].lower()
+    parts.append(f"gains of the rule {verdict}: ± {margin:.1f} deg, ± {crossover:.2f} Hz")
     if advice.left:
         parts.append(f"LEFT WHAT IS KNOWN: {advice.left}; tune again from a recording")
     return "; ".join(parts)
 
 
 def _json(path: Path, advice: Advice) -> str:
-    return json.dumps({"log": path.name, **asdict(advice)})
+    return json.dumps({"log": path.name, **plain(asdict(advice))}, allow_nan=False)
 
 
 def _refused(path: Path, error: Exception, machine: bool) -> str:

@@ -28,7 +28,7 @@ class Limited(Protocol):
 
 
 def units(signals: tuple[str, str]) -> tuple[str, str]:
-    """Of command and output; where a name has none, ``unit of u``."""
+    """Units of command and output; where a name has none, ``unit of u``."""
     command, output = map(unit, signals)
     return command, output
 

@@ -26,14 +26,14 @@ def number(value: float, real: str = "double") -> str:
 
 
 def iec(value: float, real: str = "double") -> str:
-    """The same as a real literal of IEC 61131-3, which needs a point."""
+    """A real literal of IEC 61131-3, which needs a point, for the same number."""
     text = number(value, real).removesuffix("f")
     mantissa, e, exponent = text.partition("e")
     return (mantissa if "." in mantissa else f"{mantissa}.0") + (e and f"E{int(exponent)}")
 
 
 def remark(text: str) -> str:
-    """As `comment`, for ``(* *)``."""
+    """A name for a comment in ``(* *)``, which it cannot end; on one line."""
     return comment(text).replace("*)", "* )").replace("(*", "( *")
 
 

@@ -100,7 +100,7 @@ def loops_program(
 
 
 def program_of(loops: Sequence[Loop], *, real: str = "double") -> dict[str, str]:
-    """The same of loops."""
+    """Header, source and test program of several PI loops, by file name."""
     files: dict[str, str] = {}
     for loop in loops:
         files |= pi_program(loop.pi, real=real, name=f"yawrate_{loop.name}")

@@ -30,12 +30,12 @@ def matlab_script(pid: DigitalPID) -> str:
 
 
 def pi_script(pi: DigitalPI) -> str:
-    """The same of a PI."""
+    """The script of a PI, as `matlab_script` has it."""
     return matlab_script(DigitalPID.of_pi(pi))
 
 
 def state_feedback_script(of: DigitalStateFeedback) -> str:
-    """The same of a state feedback, a static ``ss`` from reference and states."""
+    """The script of a state feedback, a static ``ss`` from reference and states."""
     return render("state_feedback.m", {"state_feedback": of})
 
 
@@ -55,14 +55,22 @@ def pid_block(pid: DigitalPID, *, real: str = "double", name: str = "YawratePid"
 
 
 def pi_block(pi: DigitalPI, *, real: str = "double", name: str = "YawratePid") -> str:
-    """The same of a PI."""
+    """The function block of a PI, as `pid_block` has it."""
     return pid_block(DigitalPID.of_pi(pi), real=real, name=name)
 
 
 def state_feedback_block(
     of: DigitalStateFeedback, *, real: str = "double", name: str = "YawrateStateFeedback"
 ) -> str:
-    """The same of a state feedback, with an input for each state."""
+    """A function block with an input for each state.
+
+    Parameters
+    ----------
+    of : DigitalStateFeedback
+        The controller.
+    real, name
+        As of `pid_block`.
+    """
     return _block("state_feedback", {"state_feedback": of}, real, name)
 
 

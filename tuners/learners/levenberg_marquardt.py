@@ -30,7 +30,7 @@ class Steps(Protocol):
 
     @property
     def epochs(self) -> int:
-        """Steps at most."""
+        """Largest number of steps."""
 
     @property
     def mu(self) -> float:
@@ -38,11 +38,11 @@ class Steps(Protocol):
 
     @property
     def mu_decrease(self) -> float:
-        """Its factor after a good step."""
+        """Factor of the damping after a good step."""
 
     @property
     def mu_increase(self) -> float:
-        """Its factor after a bad step."""
+        """Factor of the damping after a bad step."""
 
     @property
     def max_fail(self) -> int:

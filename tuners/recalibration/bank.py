@@ -96,17 +96,17 @@ class Bank:
         return cls(drives, reader, free, np.log(shares))
 
     def unknown(self, count: int) -> Knowledge:
-        """Where nothing has been seen: the prior."""
+        """What is known where nothing has been seen: the prior."""
         prior = self.drives.estimator.prior
         return self._begun(np.tile(prior.mean, (count, 1)), np.tile(prior.variance, (count, 1)))
 
     def known(self, theta: Array) -> Knowledge:
-        """Where friction and load (B, 2 or 3) are known, as of cars just calibrated."""
+        """What is known of cars just calibrated, whose friction and load are (B, 2 or 3)."""
         mean = encode(theta, self.drives.vehicle)
         return self._begun(mean, np.full(mean.shape, _KNOWN**2))
 
     def loaded(self, known: Knowledge) -> Knowledge:
-        """Before another drive: the load is unknown, and all else as it was."""
+        """What is known before another drive: the load no more, and all else as it was."""
         prior, at = self.drives.estimator.prior, AT["mass"]
         mean, covariance = known.mean.copy(), known.covariance.copy()
         mean[..., at] = prior.mean[at]

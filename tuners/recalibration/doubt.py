@@ -29,7 +29,7 @@ ORDER = tuple(Verdict)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Doubt:
-    """Of B answers.
+    """Intervals and verdicts of B answers.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Doubt:
 
 
 def doubt(bank: Bank, known: Knowledge, gains: Array) -> Doubt:
-    """The doubt about gains (B, 2) that `Bank.gains` gave.
+    """Intervals and verdicts of gains (B, 2) that `Bank.gains` gave.
 
     Usable are gains whose intervals reach no further than 3 deg and 0.15 Hz, usable with care those
     within twice that.  They are refused before the first window, beyond that, and where the noise

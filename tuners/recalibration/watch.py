@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from tuners.recalibration.bank import Bank
+from tuners.recalibration.doubt import ORDER, doubt
 from tuners.recalibration.hypotheses import Knowledge
+from tuners.trust.verdict import Verdict
 from yawrate_env import validation
 from yawrate_env.batch import take
 from yawrate_env.loop.loops import Loops
@@ -63,6 +65,11 @@ class Advice:
         Speed, the mean of the last window [m/s].
     kp, Ti : float
         Gains of the design rule for the car at this speed.
+    half_widths : tuple of float
+        Half widths of 90 % intervals of the phase margin [deg] and crossover [Hz] that these gains
+        reach, around those of the design rule; they need no exact vehicle data.
+    verdict : Verdict
+        What may be done with these gains (`tuners.recalibration.doubt`).
     phase_margin, crossover : tuple of float
         Of the gains in effect: means and standard deviations [deg], [Hz].
     change : bool
@@ -80,6 +87,8 @@ class Advice:
     v_x: float
     kp: float
     Ti: float
+    half_widths: tuple[float, float]
+    verdict: Verdict
     phase_margin: tuple[float, float]
     crossover: tuple[float, float]
     change: bool
@@ -171,7 +180,8 @@ class Watch:
         self, bank: Bank, known: Knowledge, windows: "_Windows", jumped: bool, left: str
     ) -> Advice:
         v_x = windows.v_x[-1:]
-        (gains,) = bank.gains(known, v_x)
+        gains = bank.gains(known, v_x)[0]
+        found = doubt(bank, known, gains[None])
         if self.gains is None:
             self.gains = float(gains[0]), float(gains[1])
         mean, deviation, surely = _margins(bank, known, v_x, np.array(self.gains))
@@ -183,6 +193,8 @@ class Watch:
             float(v_x[0]),
             float(gains[0]),
             float(gains[1]),
+            (float(found.half[0, 0]), float(found.half[0, 1])),
+            ORDER[found.verdict[0]],
             (float(mean[0]), float(deviation[0])),
             (float(mean[1]), float(deviation[1])),
             surely,
@@ -270,9 +282,9 @@ def _margins(bank: Bank, known: Knowledge, v_x: Array, gains: Array) -> tuple[Ar
 
 def _jumped(bank: Bank, before: Knowledge, after: Knowledge) -> bool:
     """Whether friction is another one, by more than is doubted before and after."""
-    (was,), (doubt,) = bank.friction_and_mass(before)
+    (was,), (spread,) = bank.friction_and_mass(before)
     (now,), (rest,) = bank.friction_and_mass(after)
-    return bool(np.abs(now[0] - was[0]) > _MOVED * np.hypot(doubt[0], rest[0]))
+    return bool(np.abs(now[0] - was[0]) > _MOVED * np.hypot(spread[0], rest[0]))
 
 
 def _left(bank: Bank, known: Knowledge, misfits: list[float], first: bool) -> str:

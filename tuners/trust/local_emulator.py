@@ -42,8 +42,8 @@ def locally_emulated(plant: Plant, model: BlackBox, start: Array) -> Plant:
     trained, alone = plant.emulator, len(start) == 1 and plant.channels is None
     if trained is None or plant.linear or not alone or trained.knows(model.u):
         return plant
-    asked = plant.with_simulator(_Remembered(plant))
-    rough = plant.with_simulator(_AsLinear(plant, model.functions, model.Ts))
+    asked = plant.with_simulator(_Cache(plant))
+    rough = plant.with_simulator(_LinearAnswers(plant, model.functions, model.Ts))
     emulator = LocalEmulator.of(asked, _minimum(rough, model, start, _FAR), model.u, _FAR)
     first = emulator.centre
     for _ in range(_MOVES):
@@ -138,7 +138,7 @@ class LocalEmulator:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _AsLinear:
+class _LinearAnswers:
     """A plant's emulated answer to its experiment as a linear model, for any input."""
 
     plant: Plant
@@ -159,7 +159,7 @@ class _AsLinear:
         return self.functions.regressors(both, Ts).reshape(-1, u.size)
 
 
-class _Remembered:
+class _Cache:
     """A simulator that is not asked twice for the same plant and input."""
 
     batched = True

@@ -87,7 +87,7 @@ class Errors:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judged:
+class Comparison:
     """A learner and the fitted plants on the same recordings."""
 
     own: Errors
@@ -100,21 +100,21 @@ class Judged:
 
     @property
     def answer(self) -> Errors:
-        """Those of who answers."""
+        """Errors of the one that answers."""
         return self.fitted if self.refined else self.own
 
-    def with_learner(self, tuner: Tuner, seed: int) -> "Judged":
+    def with_learner(self, tuner: Tuner, seed: int) -> "Comparison":
         """The same fitted plants beside another learner."""
         return replace(self, own=learners_errors(tuner, seed))
 
 
-def judge(tuner: Tuner, seed: int = 0) -> Judged:
+def judge(tuner: Tuner, seed: int = 0) -> Comparison:
     """Measure learner and fitted plants against the bound."""
     plant, own, errors = tuner.plant, learners_errors(tuner, seed), []
     for block in episodes(plant, "calibration", seed, 0, EPISODES):
         refined = tuner.climb(_recording(plant, block))[0].refined
         errors.append(_missed(plant, block, refined))
-    return Judged(own, replace(own, values=np.concatenate(errors)[None]))
+    return Comparison(own, replace(own, values=np.concatenate(errors)[None]))
 
 
 def learners_errors(tuner: Tuner, seed: int) -> Errors:
@@ -137,7 +137,7 @@ def least_errors(plant: Plant, block: Episodes) -> Array:
     return np.where(np.isfinite(bound), bound, informed)
 
 
-def keep(tuner: Tuner, found: Judged) -> None:
+def keep(tuner: Tuner, found: Comparison) -> None:
     """Let the better one answer from now on.
 
     The record keeps ``ratio``, root mean square errors over the bound's by metric, of what

@@ -52,7 +52,7 @@ def emulator_shift(
 
 
 def _shifts(tuner: Tuner, recording: Recording) -> Array:
-    """Of the metrics (B, f), in their standard deviations."""
+    """Shifts of the metrics (B, f), in their standard deviations."""
     plant, seen = tuner.plant, tuner.inspection.look(recording)
     theta, exact = seen.fit.theta, plant.with_simulator(plant.simulate)
     error, slopes = signals(exact, theta, seen.model)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tuners import features as first_stages
 from tuners.features import Features
 from tuners.learners.feedforward import FeedForwardSettings
-from tuners.tuner.against_bound import ENOUGH, Errors, Judged, least_errors
+from tuners.tuner.against_bound import ENOUGH, Comparison, Errors, least_errors
 from tuners.tuner.examples import examples
 from tuners.tuner.recipes import NEURONS, Candidate, Make, Sizes, most_functions, sizes_of
 from tuners.tuner.recording import Recording
@@ -81,7 +81,7 @@ class Search:
     alone: bool = False
     progress: Progress | None = None
 
-    def __call__(self, tuner: Tuner, found: Judged) -> tuple[Tuner, Judged]:
+    def __call__(self, tuner: Tuner, found: Comparison) -> tuple[Tuner, Comparison]:
         """The same tuner, or one of a better recipe, and how it is judged.
 
         Its record keeps as ``search`` the candidates and their errors over the bound.
@@ -90,7 +90,7 @@ class Search:
         usual = Candidate(sizes_of(self.recipe), "usual", found.own.ratio())
         if errors.ratio().max() <= ENOUGH:
             return self._kept(tuner, [usual], usual), found
-        held = _Held.of(tuner.plant, self.seed)
+        held = _Validation.of(tuner.plant, self.seed)
         assert isinstance(tuner.method, Stages)
         usual = replace(usual, ratio=held.ratio(tuner.method))
         if errors is found.own and usual.worst <= ENOUGH:  # by chance it was a little above
@@ -116,7 +116,7 @@ class Search:
         return tuner
 
     def _grown(
-        self, tuner: Tuner, held: "_Held", first: Sizes, usual: Candidate
+        self, tuner: Tuner, held: "_Validation", first: Sizes, usual: Candidate
     ) -> Iterator[tuple[Candidate, tuple[Stages, dict[str, Any]]]]:
         """Larger recipes, trained, until one is near the bound or gains little."""
         before, name = usual, tuner.training["name"]
@@ -131,7 +131,7 @@ class Search:
                 return
             before = candidate
 
-    def _first_stage(self, plant: Plant, held: "_Held") -> tuple[Sizes, list[Candidate]]:
+    def _first_stage(self, plant: Plant, held: "_Validation") -> tuple[Sizes, list[Candidate]]:
         """Sizes of the best first stage in a pilot, and the pilot's candidates."""
         own, most = sizes_of(self.recipe), most_functions(plant)
         order = own.order or 1
@@ -149,7 +149,9 @@ class Search:
             return self.given, tried
         return replace(self.given, order=best.sizes.order, pole=best.sizes.pole), tried
 
-    def _piloted(self, plant: Plant, held: "_Held", candidates: Sequence[Sizes]) -> list[Candidate]:
+    def _piloted(
+        self, plant: Plant, held: "_Validation", candidates: Sequence[Sizes]
+    ) -> list[Candidate]:
         """First stages that a small learner was trained on, with the same recordings."""
         network = FeedForwardSettings(neurons=NEURONS, epochs=_EPOCHS)
         count = min(_PILOT, self.recipe.episodes)
@@ -214,7 +216,7 @@ class _Several:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Held:
+class _Validation:
     """Recordings that compare recipes, `_DRAWS` of each plant, and the bound."""
 
     plant: Plant

@@ -10,7 +10,7 @@ from tuners import features, learners
 from tuners.trust.checks import Assessment
 from tuners.trust.emulator import BEYOND, NODES, OF_STEPS, OutputEmulator, nodes_of, probe
 from tuners.trust.intervals import conformal
-from tuners.tuner.against_bound import EPISODES, Judged, judge, keep
+from tuners.tuner.against_bound import EPISODES, Comparison, judge, keep
 from tuners.tuner.emulator_check import PLANTS, emulator_shift
 from tuners.tuner.examples import Examples, examples
 from tuners.tuner.recipes import confined
@@ -35,7 +35,7 @@ from yawrate_env.signals.streams import stream
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
-Improve = Callable[[Tuner, Judged], tuple[Tuner, Judged]]
+Improve = Callable[[Tuner, Comparison], tuple[Tuner, Comparison]]
 
 LEAST_PLANTS = 50
 LEAST_CALIBRATION = 50

@@ -68,7 +68,7 @@ class LoopCurves:
 
     @property
     def oracle_label(self) -> str:
-        """For the legend."""
+        """Name of the second loop in the legend."""
         return "oracle" if np.isfinite(self.kp[1]) else "no oracle"
 
 
@@ -78,5 +78,5 @@ def band(target: Target) -> tuple[float, float]:
 
 
 def duration(target: Target) -> float:
-    """Of the step response [s]: 2 s for a crossover of 1.5 Hz."""
+    """Length of the step response [s]: 2 s for a crossover of 1.5 Hz."""
     return 3 / target.crossover

@@ -98,7 +98,7 @@ class PIRecalibrationEnv(gymnasium.Env[Observation, Array]):
     | `windows` | 50 | of a drive |
     | `window` | 5 | length of a window [s] |
     | `price` | 0.01 | of new gains, in reward |
-    | `probing` | 0 | largest amplitude of probing [rad/s]; else the action has no such number |
+    | `probing` | 0 | largest amplitude of probing [rad/s]; without it the action is shorter |
     | `comfort` | 0.05 | price of lateral acceleration with probing [reward per m/s^2] |
     | `mu_s` | [0.3, 1.1] | range of friction |
     | `M_delta` | [0, 300] | range of the load [kg] |

@@ -9,6 +9,7 @@ What the kernels need to compile counts: it is most of the time to a first answe
 real numbers only, and find their workspace allocated.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,7 +101,7 @@ def _exponentials(X: NDArray[np.float64]) -> NDArray[np.float64]:
     norms = np.abs(X[:, 0]).sum(axis=1).max(axis=1)
     squarings = np.ceil(np.log2(np.maximum(2.0 * norms, 1.0))).astype(np.int64)
     E: NDArray[np.float64] = np.multiply(X, (0.5**squarings)[:, None, None, None], order="C")
-    rows, size = E.reshape(len(E), -1), X.shape[-1]
+    rows, size = E.reshape(len(E), math.prod(X.shape[1:])), X.shape[-1]
 
     def some(i: int, j: int) -> None:
         _expm(rows[i:j], size, squarings[i:j], _COEFFICIENTS, np.empty((5, rows.shape[1])))

@@ -40,7 +40,7 @@ _ONE = 1e-5  # how far from 1 rounding may take the poles of two or three integr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Asked:
+class Request:
     """What a rule is asked for.
 
     Attributes
@@ -86,7 +86,7 @@ class Sliders:
         Sampling time and computation delay; and what rule R aims at.
     choices : tuple of Choice
         The loop's own controller first.
-    asked : Asked, optional
+    asked : Request, optional
         What the rule is asked for; None for rule R, and for rules of one speed.
     unstable, integrators : int, optional
         Poles of the plant outside the unit circle, and at 1, where they are known.
@@ -97,7 +97,7 @@ class Sliders:
 
     target: Target
     choices: tuple[Choice, ...]
-    asked: Asked | None = None
+    asked: Request | None = None
     unstable: int | None = None
     integrators: int | None = None
     states: Callable[[Array, int], tuple[NDArray[np.complex128], Array]] | None = None
@@ -152,7 +152,7 @@ def _tau_c(loop: Any, theta: Array) -> float | None:
     return float(seen(loop, theta[None], loop.target.delay_samples).dead_time[0])
 
 
-def _asked(loop: Any) -> tuple[Asked | None, Array]:
+def _asked(loop: Any) -> tuple[Request | None, Array]:
     """What the rule is asked for, and the speeds (M,) of its values."""
     rule = "" if callable(loop.rule) else loop.rule
     steps = _MANY if rule == "lqr" else _STEPS
@@ -160,11 +160,11 @@ def _asked(loop: Any) -> tuple[Asked | None, Array]:
     slower = speeds[::-1]
     if rule in ("simc", "lambda", "imc"):
         label, values = "time constant of the loop [s]", loop.tau_c / slower
-        return Asked(label, values, steps, -1), slower
+        return Request(label, values, steps, -1), slower
     if rule == "ms":
-        return Asked("largest sensitivity", 1 + (loop.Ms - 1) * speeds, steps, 1), speeds
+        return Request("largest sensitivity", 1 + (loop.Ms - 1) * speeds, steps, 1), speeds
     if rule == "lqr":
-        return Asked("weight of the input", loop.weight / slower**2, steps, -1), slower
+        return Request("weight of the input", loop.weight / slower**2, steps, -1), slower
     return None, np.array([loop.speed])
 
 

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Late:
+class ProcessModel:
     """Plants behind a dead time.
 
     Attributes
@@ -104,8 +104,8 @@ def _in_series(K: Array, T1: Array, T2: Array) -> tuple[Array, Array, Array]:
     return A, B, np.array([1.0, 0.0])
 
 
-LAG = Late(_lag_matrices, _lag_lags)
-TWO_LAGS = Late(_two_lags_matrices, _two_lags_lags)
-INTEGRATOR = Late(_integrator_matrices, _integrator_lags)
-MOTOR = Late(_motor_matrices, _motor_lags)
-HEATER = Late(_heater_matrices, _heater_lags)
+LAG = ProcessModel(_lag_matrices, _lag_lags)
+TWO_LAGS = ProcessModel(_two_lags_matrices, _two_lags_lags)
+INTEGRATOR = ProcessModel(_integrator_matrices, _integrator_lags)
+MOTOR = ProcessModel(_motor_matrices, _motor_lags)
+HEATER = ProcessModel(_heater_matrices, _heater_lags)

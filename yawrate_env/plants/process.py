@@ -34,7 +34,7 @@ from yawrate_env.plant.plant import Plant
 from yawrate_env.plant.rules import LOOP_SHAPING
 from yawrate_env.plants.control import Control
 from yawrate_env.plants.experiment import USUAL, Experiment, Given
-from yawrate_env.plants.models import HEATER, INTEGRATOR, LAG, MOTOR, TWO_LAGS, Late
+from yawrate_env.plants.models import HEATER, INTEGRATOR, LAG, MOTOR, TWO_LAGS, ProcessModel
 
 Array = NDArray[np.float64]
 
@@ -45,6 +45,7 @@ _REVERSED = (
     "and reverse the sign of the gains."
 )
 
+_MOTOR_TARGET = {"phase_margin": 60.0, "crossover": 8.0}
 _MOTOR_UNITS = {"J": "kg m2", "b": "N m s/rad", "K": "N m/A", "R": "ohm"}
 _HEATER_UNITS = {"C": "J/K", "h": "W/K", "P": ""}  # power for one unit of the input
 
@@ -77,6 +78,8 @@ def fopdt(
         Steady gain, output over input.
     T, L : number, pair or prior
         Lag and dead time [s].
+    experiment : Experiment or dict
+        Of which recordings are made; a dict changes settings of the usual one.
     control
         Attributes of `Control`: ``controller="PID", rule="amigo"``.
     """
@@ -138,15 +141,13 @@ def dc_motor(
         Resistance [ohm] and electrical time constant [s] of the winding.
     L : number, pair or prior
         Dead time of drive and sensor [s].
+    experiment : Experiment or dict
+        Of which recordings are made; a dict changes settings of the usual one.
     control
         Attributes of `Control`; a PI by loop shaping for 60 deg at 8 Hz if omitted.
     """
     prior = {"J": J, "b": b, "K": K, "R": R, "Te": Te, "L": L}
-    usual = (
-        {}
-        if "rule" in control
-        else {"rule": LOOP_SHAPING, "target": {"phase_margin": 60.0, "crossover": 8.0}}
-    )
+    usual = {"rule": LOOP_SHAPING, "target": _MOTOR_TARGET}
     made, wanted = _MOTOR_TEST.changed(experiment), Control.of({**usual, **control})
     return _process("dc_motor", prior, MOTOR, made, wanted, units=_MOTOR_UNITS)
 
@@ -173,11 +174,13 @@ def thermal(
         so one of them has to be known, or a guess.
     tau, L : number, pair or prior
         Lag of the sensor and dead time [s].
+    experiment : Experiment or dict
+        Of which recordings are made; a dict changes settings of the usual one.
     control
         Attributes of `Control`; a PI by SIMC with ``tau_c=20`` if omitted.
     """
     prior = {"C": C, "h": h, "P": P, "tau": tau, "L": L}
-    usual = {} if control else {"tau_c": 20.0}
+    usual = {"tau_c": 20.0}
     made, wanted = _HEATER_TEST.changed(experiment), Control.of({**usual, **control})
     return _process("thermal", prior, HEATER, made, wanted, units=_HEATER_UNITS)
 
@@ -185,7 +188,7 @@ def thermal(
 def _process(
     name: str,
     given: dict[str, Any],
-    model: Late,
+    model: ProcessModel,
     experiment: Experiment,
     control: Control,
     integrating: bool = False,
@@ -263,7 +266,7 @@ def _labels(
 class _As:
     """Parameters (B, p) as processes; the controller's hold is half a sample of dead time [s]."""
 
-    model: Late
+    model: ProcessModel
     hold: float
 
     def __call__(self, theta: Array) -> Process:

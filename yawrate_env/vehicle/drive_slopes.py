@@ -67,7 +67,7 @@ class Past:
 
     @classmethod
     def rest(cls, count: int, Ts: float) -> Self:
-        """Straight driving."""
+        """The past of straight driving."""
         return cls(np.zeros((count, 7)), np.zeros((count, 2 + int(np.ceil(LATEST / Ts)))))
 
 
@@ -189,7 +189,7 @@ class Reader:
         return slopes
 
     def after(self, past: Past, u: Array, found: Slopes) -> Past:
-        """For the next window."""
+        """What reading the next window needs."""
         size = past.u.shape[1]
         return Past(found.x, np.concatenate([past.u, u], axis=1)[:, -size:])
 

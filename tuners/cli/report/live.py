@@ -7,15 +7,15 @@ and each controller: names of gains, form, and its law by rule R or a table of g
 """
 
 import shlex
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tuners.cli.answer import bare
 from tuners.cli.report.model import Model
 from tuners.cli.report.programs import programs
-from tuners.cli.text import displayed, gain_units, ratio, unit_of
+from tuners.cli.text import controllers_units, displayed, gain_units, unit_of
 from tuners.logs import Log
 from tuners.tuner.result import Result
 from tuners.tuner.spline import slopes
@@ -23,7 +23,7 @@ from yawrate_env.loop.controllers import CONTROLLERS, LeadLag
 from yawrate_env.loop.state_feedback import STATE_FEEDBACK
 from yawrate_env.plant.names import split
 from yawrate_env.plant.plant import Plant
-from yawrate_env.plant.sliders import A_HALF_FASTER, MOST_DELAY, Asked, Choice
+from yawrate_env.plant.sliders import A_HALF_FASTER, MOST_DELAY, Choice, Request
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,6 @@ _KNOWN = 9  # crossovers at which the recording's knowledge is computed
 _DIGITS, _FEWER_DIGITS = 11, 4
 _MOST_NUMBERS = 40_000  # of what is left open: 0.4 MB of the page
 _MARGINS = 30, 80  # [deg]
-_TIMES = "Ti", "Td", "Tf", "T_lead", "T_lag"
 
 
 def live(result: Result, log: Log, tuner: str) -> dict[str, Any] | None:
@@ -66,17 +65,12 @@ def live(result: Result, log: Log, tuner: str) -> dict[str, Any] | None:
             "margin": target.phase_margin,
             "delay": target.delay_samples,
             "asked": 0 if sliders.asked is None else sliders.asked.start,
-            "gains": _bare(result.gains),
+            "gains": bare(result.gains),
             "intervals": _intervals(result),
         },
         "known": _known(result, slowest, fastest),
         "doubt": _doubt(result),
     }
-
-
-def _bare(gains: Mapping[str, float]) -> dict[str, float]:
-    """Gains by their names without units."""
-    return {split(name)[0]: value for name, value in gains.items()}
 
 
 def _seen(model: Model) -> list[dict[str, Any]]:
@@ -93,11 +87,11 @@ def _seen(model: Model) -> list[dict[str, Any]]:
     ]
 
 
-def _kind(of: Choice, plant: Plant, asked: Asked | None) -> dict[str, Any]:
+def _kind(of: Choice, plant: Plant, asked: Request | None) -> dict[str, Any]:
     """A controller: gains with their units, form, sliders, and law or table."""
     controller, own = of.controller, gain_units(plant)
     units = dict(zip((split(name)[0] for name in own), own.values(), strict=True))
-    known = _units(plant)
+    known = controllers_units(plant)
     names = [split(name)[0] for name in controller.gains]
     found: dict[str, Any] = {"gains": [[name, units.get(name) or known.get(name, "")]
                                        for name in names]}  # fmt: skip
@@ -133,13 +127,6 @@ def _row(gains: Array) -> list[float | None]:
     return [value if np.isfinite(value) else None for value in _rounded(gains)]
 
 
-def _units(plant: Plant) -> dict[str, str]:
-    """Units of any controller's gains."""
-    of_kp = ratio(*map(unit_of, plant.signals))
-    of_Ki = f"{of_kp}/s" if of_kp else ""
-    return {"kp": of_kp, "Ki": "" if of_kp == "s" else of_Ki} | dict.fromkeys(_TIMES, "s")
-
-
 def _sliders(model: Model) -> list[dict[str, Any]]:
     """The sliders: name, words, unit, ends and step; how positions become values."""
     sliders, (slowest, fastest) = model.sliders, model.range
@@ -167,7 +154,7 @@ def _sliders(model: Model) -> list[dict[str, Any]]:
     return found
 
 
-def _pace(asked: Asked | None, shaped: bool) -> dict[str, Any] | None:
+def _pace(asked: Request | None, shaped: bool) -> dict[str, Any] | None:
     """Which slider makes loops 1.5 times as fast, and how far; None where no one does."""
     if shaped:
         return {"slider": "crossover", "factor": 1.5}

@@ -301,7 +301,7 @@ def in_a_row(plant: Plant, models: Sequence[BlackBox]) -> BlackBox:
 
 
 def _joined(models: Sequence[BlackBox], together: Callable[[list[Array]], Array]) -> BlackBox:
-    """The same, their outputs put together so."""
+    """One model of the recordings of several, with their outputs put together by `together`."""
     first, count = models[0], max(len(model.u) for model in models)
     u = [np.broadcast_to(model.u, (count, *model.u.shape[1:])) for model in models]
     lengths = np.array([model.y.shape[1] for model in models], dtype=np.float64)
