@@ -8,7 +8,8 @@ Diagnosis of Stiction in Control Loops*, 2010):
 regular
     v follows from u and one width (`positions`).  Of several models and widths the one counts that
     explains most of the residual, as far as it exceeds what noise of the residual's own
-    spectrum may explain.  What the parameters make up for in its stead is their error.
+    spectrum may explain, and what a lag of the input that the plant lacks would explain.  What the
+    parameters make up for in its stead is their error.
 irregular
     Each change of u arrives late by a time of its own.  The same changes at times when nothing
     changed, the placebo, must not explain the residual as well.  How late changes are in common is
@@ -37,6 +38,7 @@ _WIDTHS = {  # of the largest input; of the recording, which a full stroke takes
     _HELD: (0.1, 0.2, 0.3, 0.45, 0.6, 0.8),
     _SLOW: (0.005, 0.01, 0.015, 0.02, 0.03),
 }
+_LAGS = (0.003, 0.006, 0.0125, 0.025, 0.05)  # of the recording
 _MOST = 1.5  # times a model's answer: between two widths
 _SURE, _GAIN = 4.0, 15.0  # standard deviations, and energy over the noise's variance
 _BLOCKS, _OF_SAMPLES = 40, 16  # changes apart at most, and samples for each at least
@@ -89,6 +91,12 @@ class _Residual:
     def beside(self, signals: Array) -> Array:
         """What no parameter explains of signals (B, m, N)."""
         return np.asarray(signals - self.step(signals) @ self.slopes)
+
+    def along(self, signals: Array) -> tuple[Array, Array, Array]:
+        """Share (B, m) of each signal in the residual, product, and what it explains over noise."""
+        product, energy = (signals @ self.error[..., None])[..., 0], (signals**2).sum(axis=2)
+        share = np.clip(product / np.where(energy > 0, energy, 1.0), 0.0, _MOST)
+        return share, product, share * (2 * product - share * energy) / self.quiet[:, None]
 
     def explained(self, signals: Array) -> tuple[Array, Array]:
         """Energy (B,) of the residual along signals (B, m, N), over noise, and its expectation."""
@@ -190,17 +198,24 @@ def _regular(seen: _Residual, u: Array) -> Array:
         return np.zeros(seen.inverse.shape[:2])
     answers = seen.answers(v - u)
     beside = seen.beside(answers)
-    product, energy = (beside @ seen.error[..., None])[..., 0], (beside**2).sum(axis=2)
-    share = np.clip(product / np.where(energy > 0, energy, 1.0), 0.0, _MOST)
-    gain = share * (2 * product - share * energy) / seen.quiet[:, None]
+    share, product, gain = seen.along(beside)
     row, best = np.arange(len(gain)), gain.argmax(axis=1)
     share, product, gain = share[row, best], product[row, best], gain[row, best]
     error = -share[:, None] * seen.step(answers[row, best][:, None])[:, 0]
-    found = gain > _GAIN
+    rivals = seen.along(seen.beside(seen.answers(_lagging(u) - u)))[2]
+    found = gain > np.maximum(_GAIN, rivals.max(axis=1))
     if found.any():
         left = seen.error - share[:, None] * beside[row, best]
         found &= product > _SURE * _deviation(beside[row, best], left, seen.quiet)
     return np.where(found[:, None], error, 0.0)
+
+
+def _lagging(u: Array) -> Array:
+    """An input (N,) behind first-order lags (n, N)."""
+    from scipy.signal import lfilter
+
+    poles = [np.exp(-1 / (lag * len(u))) for lag in _LAGS]
+    return np.asarray(u[0] + np.array([lfilter([1 - p], [1, -p], u - u[0]) for p in poles]))
 
 
 def _deviation(signal: Array, residual: Array, quiet: Array) -> Array:
