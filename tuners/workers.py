@@ -138,7 +138,7 @@ def _cluster(workers: int, scheduler: str) -> Iterator[tuple[Executor, Size]]:
 
     try:
         if scheduler == LOCAL:
-            client = Client(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+            client = Client(n_workers=workers, threads_per_worker=1, dashboard_address=":0")
         else:
             client = Client(scheduler, timeout=_SECONDS)
             client.wait_for_workers(1, timeout=_SECONDS)

@@ -170,12 +170,12 @@ def test_the_gray_box_finds_them():
 
 def test_reports_have_priors_in_their_units_and_by_name():
     heater = plants.fopdt(
-        K={"beta": {"a": 2.0, "b": 3.0, "scale": 2.0}},
+        K={"beta": {"a": 2.0, "b": 3.0, "loc": 0.5, "scale": 2.0}},
         T={"log": [5.0, 50.0]},
         L=4.0,
         experiment={"signals": ["heater [%]", "temperature [degC]"]},
     )
-    assert prior_of(heater, "K") == "0 to 2 degC/%, beta a 2, b 3, scale 2"
+    assert prior_of(heater, "K") == "0.5 to 2.5 degC/%, beta a 2, b 3, loc 0.5, scale 2"
     assert prior_of(heater, "T") == "5 to 50 s, uniform in its logarithm"
     assert prior_of(heater, "L") == "known, 4 s"
     tank = plants.integrator(experiment={"signals": ["pump [%]", "level [mm]"]})

@@ -123,7 +123,8 @@ class Inspection:
             return used, model
         u = np.broadcast_to(given, (len(used), *given.shape[1:])).copy()
         least = np.where(model.extra > 1, np.inf, _CLOSER * model.residual)
-        passes = (given.min(axis=-1) <= 0) & (given.max(axis=-1) >= 0)
+        flat = given.reshape(len(given), -1)
+        passes = (flat.min(axis=1) <= 0) & (flat.max(axis=1) >= 0)
         least[(model.extra == 0) | passes] = 0.0
         middle = (given.max(axis=-1, keepdims=True) + given.min(axis=-1, keepdims=True)) / 2
         for level in (given[..., :1], middle):
