@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from yawrate_env.compiled import kernel, subkernel
+from yawrate_env.vehicle.kalman import solve
 
 Array = NDArray[np.float64]
 
@@ -168,29 +169,7 @@ def _updated(
             Fm += F[r, c] * m[c]
         pull[r] = i[r] - Fm
         J += m[r] * (Fm - 2 * i[r])
-    logarithm = 0.0
-    for k in range(q):
-        best = k
-        for r in range(k + 1, q):
-            if abs(W[r, k]) > abs(W[best, k]):
-                best = r
-        if best != k:
-            for c in range(q):
-                W[k, c], W[best, c] = W[best, c], W[k, c]
-                X[k, c], X[best, c] = X[best, c], X[k, c]
-        logarithm += np.log(abs(W[k, k]))
-        for r in range(k + 1, q):
-            factor = W[r, k] / W[k, k]
-            for c in range(k + 1, q):
-                W[r, c] -= factor * W[k, c]
-            for c in range(q):
-                X[r, c] -= factor * X[k, c]
-    for k in range(q - 1, -1, -1):
-        for r in range(k + 1, q):
-            for c in range(q):
-                X[k, c] -= W[k, r] * X[r, c]
-        for c in range(q):
-            X[k, c] /= W[k, k]
+    logarithm = solve(W[:q, :q], X[:q, :q])
     for r in range(q):
         for c in range(r):
             X[r, c] = X[c, r] = 0.5 * (X[r, c] + X[c, r])

@@ -4,8 +4,9 @@ Near the crossover, coordinates that are off by d move the plant's response by `
 its logarithm).  With ``l`` the slope of the loop's response by the logarithm of the frequency, the
 crossover moves by ``-Re(s d) / Re(l)`` of itself, and the phase margin by
 ``Im(s d) + Im(l) (that shift)``.  Each hypothesis has a deviation of its own, and the largest one
-counts of all that the windows do not speak strongly against, whatever their prior: intervals need
-no exact vehicle data.
+counts of all that the windows do not speak strongly against, whatever their prior.  So
+intervals hold for vehicle data that are right, or wrong as one of the bank's hypotheses has it; of
+other errors they may know nothing.
 """
 
 from dataclasses import dataclass
@@ -21,7 +22,9 @@ from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, PHASE_SCALE
 
 Array = NDArray[np.float64]
 
-_LIMITS = np.array([0.3 * PHASE_SCALE, 0.6 * CROSSOVER_SCALE])  # 3 deg and 0.15 Hz
+LIMITS = np.array([0.3 * PHASE_SCALE, 0.6 * CROSSOVER_SCALE])
+"""Distance from what the rule reaches, 3 deg and 0.15 Hz, from which gains should change."""
+
 _CARE = 2.0  # times the limits
 _STRONG = np.log(20.0)  # evidence against a hypothesis, beyond which it does not count
 ORDER = tuple(Verdict)
@@ -67,7 +70,7 @@ def doubt(bank: Bank, known: Knowledge, gains: Array) -> Doubt:
     evidence = known.weight - bank.prior
     counts = evidence > evidence.max(axis=1, keepdims=True) - _STRONG
     deviation = np.sqrt(np.where(counts[:, None], spread + off**2, 0.0).max(axis=2))
-    times = GAUSSIAN * deviation / _LIMITS
+    times = GAUSSIAN * deviation / LIMITS
     worst = np.where(np.isfinite(times), times, np.inf).max(axis=1)
     worst[bank.foreign(known) | (known.response == 0).all(axis=1)] = np.inf
     verdict = np.searchsorted([1.0, _CARE], worst)

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from tuners.recalibration.bank import Bank
-from tuners.recalibration.doubt import ORDER, doubt
+from tuners.recalibration.doubt import LIMITS, ORDER, doubt
 from tuners.recalibration.hypotheses import Knowledge
 from tuners.trust.verdict import Verdict
 from yawrate_env import validation
 from yawrate_env.batch import take
 from yawrate_env.loop.loops import Loops
-from yawrate_env.plant.pi_loop import CROSSOVER_SCALE, PHASE_SCALE
 from yawrate_env.vehicle.drive_estimate import Estimate, Estimator
 from yawrate_env.vehicle.drive_information import Noise, Predictor
 from yawrate_env.vehicle.drive_slopes import Past
@@ -38,7 +37,6 @@ _LEAST = 20  # samples of a window
 _FAR = 4.0  # standard deviations outside the prior
 _MOVED = 3.0  # standard deviations between recordings
 _TIMES = 1.5  # of the noise's energy, which no window of a known car shows
-_MARGIN, _CROSSOVER = 0.3 * PHASE_SCALE, 0.6 * CROSSOVER_SCALE  # 3 deg and 0.15 Hz
 _DRAWS = 200
 _CERTAIN = 0.95  # of them: a share that counts as certain
 _TUNING = 40  # windows from which the noise is estimated, at most
@@ -67,7 +65,8 @@ class Advice:
         Gains of the design rule for the car at this speed.
     half_widths : tuple of float
         Half widths of 90 % intervals of the phase margin [deg] and crossover [Hz] that these gains
-        reach, around those of the design rule; they need no exact vehicle data.
+        reach, around those of the design rule, if the vehicle's data are right or wrong in a way
+        that the bank has as a hypothesis.
     verdict : Verdict
         What may be done with these gains (`tuners.recalibration.doubt`).
     phase_margin, crossover : tuple of float
@@ -274,7 +273,7 @@ def _margins(bank: Bank, known: Knowledge, v_x: Array, gains: Array) -> tuple[Ar
     metrics, wanted = (
         np.stack([e.margins.phase_margin, e.margins.crossover], axis=1) for e in (found, reached)
     )
-    off = np.abs(metrics - wanted) > [_MARGIN, _CROSSOVER]
+    off = np.abs(metrics - wanted) > LIMITS
     missed = ~found.stable | off.any(axis=1) | ~np.isfinite(metrics).all(axis=1)
     spread = np.nanstd(metrics, axis=0)
     return metrics[0], spread, bool(missed[1:].mean() > _CERTAIN)

@@ -41,9 +41,13 @@ def times(P: NDArray[np.float64], Q: NDArray[np.float64], out: NDArray[np.float6
 
 
 @kernel
-def _solved(W: NDArray[np.float64], X: NDArray[np.float64]) -> None:
-    """X becomes ``W^-1 X`` by elimination with pivots; W is destroyed."""
+def solve(W: NDArray[np.float64], X: NDArray[np.float64]) -> float:
+    """X becomes ``W^-1 X`` by elimination with pivots; W is destroyed.
+
+    Returns the logarithm of the determinant's absolute value.
+    """
     n, m = W.shape[0], X.shape[1]
+    logarithm = 0.0
     for k in range(n):
         best = k
         for i in range(k + 1, n):
@@ -54,6 +58,7 @@ def _solved(W: NDArray[np.float64], X: NDArray[np.float64]) -> None:
                 W[k, j], W[best, j] = W[best, j], W[k, j]
             for j in range(m):
                 X[k, j], X[best, j] = X[best, j], X[k, j]
+        logarithm += np.log(abs(W[k, k]))
         for i in range(k + 1, n):
             factor = W[i, k] / W[k, k]
             for j in range(k + 1, n):
@@ -65,6 +70,7 @@ def _solved(W: NDArray[np.float64], X: NDArray[np.float64]) -> None:
             for i in range(k + 1, n):
                 X[k, j] -= W[k, i] * X[i, j]
             X[k, j] /= W[k, k]
+    return logarithm
 
 
 @kernel
@@ -99,7 +105,7 @@ def _kalman(
                 W[i, i] += 1.0
                 for j in range(n):
                     both[i, j], both[i, n + j] = F[i, j], G[i, j]
-            _solved(W, both)
+            solve(W, both)
             for i in range(n):
                 for j in range(n):
                     left[i, j], right[i, j] = both[i, j], both[i, n + j]
