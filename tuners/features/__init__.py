@@ -47,8 +47,6 @@ FEATURES: dict[str, Any] = {
 }
 """First stages by the name that files and commands know."""
 
-_OF_ONE = Armax, Regularised, FrequencyResponse, PrincipalResponse  # input and output
-
 BY_NAME = "laguerre", "armax", "response"
 """Those that need no settings: what commands and agents choose from."""
 
@@ -144,8 +142,8 @@ def rehearse(stage: Features, u: Array, y: Array, Ts: float) -> int:
 
 
 def _check_channels(stage: Features, u: Array) -> None:
-    """``ValueError`` where a stage of one input and output meets inputs (1 or B, m, N)."""
-    if u.ndim == 3 and isinstance(stage, _OF_ONE):
+    """``ValueError`` where a stage of one input and output, its ``one_pair``, meets several."""
+    if u.ndim == 3 and getattr(stage, "one_pair", False):
         raise ValueError(
             f"features = {type(stage).__name__} are of one input and one output, and this plant "
             "has channels. Take Laguerre, or a first stage of your own."

@@ -127,6 +127,7 @@ class Armax:
     Ts: float = 0.04
 
     any_experiment: ClassVar[bool] = False
+    one_pair: ClassVar[bool] = True
 
     @property
     def width(self) -> int:

@@ -44,6 +44,7 @@ class PrincipalResponse:
     directions: tuple[tuple[float, ...], ...]
 
     any_experiment: ClassVar[bool] = False
+    one_pair: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         model = self.model  # checks what is common to both

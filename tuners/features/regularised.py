@@ -55,6 +55,7 @@ class Regularised:
     variance: float
 
     any_experiment: ClassVar[bool] = False
+    one_pair: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         order = Laguerre(self.order, self.pole).order

@@ -40,6 +40,7 @@ class FrequencyResponse:
     points: int = 6
 
     any_experiment: ClassVar[bool] = True
+    one_pair: ClassVar[bool] = True
 
     @property
     def width(self) -> int:
